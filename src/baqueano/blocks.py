@@ -66,9 +66,9 @@ ROOMS: dict[str, dict[str, str]] = {
 
 LOOP = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
 OWN_FILE = "vehicle.toml"  # of the project in which the user stands
-_trusted: set[Path] = set()  # files of blocks that the user named or allowed in this process
+_trusted_files: set[Path] = set()  # files of blocks that the user named or allowed in this process
 _allowing = [False]  # whether the user allows text that files of others name
-_loaded: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
+_modules: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
 
 
 def kinds(room: str) -> tuple[str, ...]:
@@ -133,7 +133,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     file, colon, name = kind.rpartition(":")
     if colon and file.endswith(".py"):
         return _class_of(_find(file, folder), name)
-    if kind.endswith(".py") and _there(kind, folder) is not None:
+    if kind.endswith(".py") and _path_of(kind, folder) is not None:
         raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
     raise FileError(fault("block.unknown", room=room, found=kind, near=nearest(kind, names)))
 
@@ -153,22 +153,24 @@ def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> typ
     """The class behind `kind`, as a vehicle file in `folder` names it, or with `folder` None a run. FileError for text
     that stands elsewhere, unless the user named it or allows it; for a path out of a run always."""
     file = kind if kind.endswith(".py") else kind.rpartition(":")[0]
-    path = _there(file, folder) if file.endswith(".py") else None
+    path = _path_of(file, folder) if file.endswith(".py") else None
     if path is None:
         far = folder is None and file.endswith(".py") and _leads_away(Path(file))
         if far:
             raise FileError(fault("block.in-run-elsewhere", kind=kind))
         return resolve(room, kind, folder)
-    here = Path.cwd().resolve()
+    working_folder = Path.cwd().resolve()
     if folder is None:
-        if _leads_away(Path(file)) or not path.is_relative_to(here):
+        if _leads_away(Path(file)) or not path.is_relative_to(working_folder):
             raise FileError(fault("block.in-run-elsewhere", kind=kind))
-        own, code = _named_here(kind), "block.in-run"
+        own, code = _is_in_own_file(kind), "block.in-run"
     else:
         home = Path(folder).resolve()
-        own = path.is_relative_to(home) or (home.is_relative_to(here) and path.is_relative_to(here))
+        own = path.is_relative_to(home) or (
+            home.is_relative_to(working_folder) and path.is_relative_to(working_folder)
+        )
         code = "block.elsewhere"
-    if not (own or path in _trusted or _allowing[0]):
+    if not (own or path in _trusted_files or _allowing[0]):
         raise FileError(fault(code, kind=kind, path=path))
     return resolve(room, kind, folder)
 
@@ -177,7 +179,7 @@ def _leads_away(file: Path) -> bool:
     return file.expanduser().is_absolute() or file.is_absolute() or ".." in file.parts
 
 
-def _named_here(kind: str) -> bool:
+def _is_in_own_file(kind: str) -> bool:
     """Return whether the vehicle file of the folder in which we stand names this block, too."""
     try:
         tables = list(tomllib.loads(Path(OWN_FILE).read_text(encoding="utf-8")).values())
@@ -215,25 +217,25 @@ def check_room(room: str, block: object) -> None:
     if not all(callable(getattr(kind, verb, None)) for verb in ("init", "step")):
         raise UsageError(fault("block.not-a-block", room=room, found=kind.__name__))
     try:
-        other = room_of(kind)
+        right_room = room_of(kind)
     except FileError:  # its own names for the inputs of step
         return
-    if other != room and other in LOOP:
-        fix = f"{other}={kind.__name__}"
-        raise UsageError(fault("block.of-other-room", fix, room=room, block=kind.__name__, other=other))
+    if right_room != room and right_room in LOOP:
+        fix = f"{right_room}={kind.__name__}"
+        raise UsageError(fault("block.of-other-room", fix, room=room, block=kind.__name__, other=right_room))
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
-    path, there = Path(file).expanduser(), _there(file, folder)
-    if there is not None:
-        return there
-    tried = _places(path, folder)
-    beside = sorted(p.name for p in tried[0].parent.glob("*.py")) if tried[0].parent.is_dir() else []
-    near = nearest(path.name, beside)
-    raise FileError(fault("block.file-absent", missing=tried[0], found=path.name, near=near))
+    path, user_path = Path(file).expanduser(), _path_of(file, folder)
+    if user_path is not None:
+        return user_path
+    places = _places(path, folder)
+    neighbours = sorted(p.name for p in places[0].parent.glob("*.py")) if places[0].parent.is_dir() else []
+    near = nearest(path.name, neighbours)
+    raise FileError(fault("block.file-absent", missing=places[0], found=path.name, near=near))
 
 
-def _there(file: str, folder: Path | str | None) -> Path | None:
+def _path_of(file: str, folder: Path | str | None) -> Path | None:
     """The file, where it is looked for; None if it does not exist."""
     places = _places(Path(file).expanduser(), folder)
     return next((place.resolve() for place in places if place.is_file()), None)
@@ -275,8 +277,8 @@ def _module(path: Path) -> ModuleType:
 
     content = path.read_bytes()
     key = (str(path), hashlib.sha256(content).hexdigest())
-    if key in _loaded:
-        return _loaded[key]
+    if key in _modules:
+        return _modules[key]
     name = f"{USERS}{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
@@ -301,6 +303,6 @@ def _module(path: Path) -> ModuleType:
         raise FileError(fault(f"block.raised-while-read{ends}", place=place, error=named(error))) from error
     finally:
         sys.path.remove(str(path.parent))
-    _loaded[key] = module
-    _trusted.add(path)
+    _modules[key] = module
+    _trusted_files.add(path)
     return module

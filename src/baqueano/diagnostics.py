@@ -43,7 +43,7 @@ class Verdict(StrEnum):
         >>> Verdict.of([note("gyro.unit", Severity.ERROR)])
         <Verdict.REFUSED: 'REFUSED'>
         """
-        severities = {one.severity for one in reasons}
+        severities = {reason.severity for reason in reasons}
         grave = {Severity.ERROR: cls.REFUSED, Severity.WARNING: cls.WARN, Severity.UNKNOWN: cls.CANNOT_TELL}
         return next((verdict for severity, verdict in grave.items() if severity in severities), cls.USABLE)
 
@@ -173,8 +173,8 @@ def note(
     >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
     'imu, wheels'
     """
-    checked = {name: _figure(value) for name, value in figures.items()}
-    return Diagnostic(code, severity, subject or code.partition(".")[0], checked, fix)
+    figure_values = {name: _figure(value) for name, value in figures.items()}
+    return Diagnostic(code, severity, subject or code.partition(".")[0], figure_values, fix)
 
 
 def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Diagnostic:
@@ -184,8 +184,8 @@ def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Dia
 
 def joined(messages: Iterable[Diagnostic]) -> Diagnostic | None:
     """Return several messages as one, None of none."""
-    first, *others = (*messages, None)
-    for then in others[:-1]:
+    first, *rest = (*messages, None)
+    for then in rest[:-1]:
         first = fault("messages.then", first=first, then=then)
     return first
 
@@ -199,7 +199,7 @@ def by_weight(messages: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     >>> [one.code for one in by_weight([note("a"), note("b", Severity.WARNING)])]
     ['b', 'a']
     """
-    return tuple(sorted(messages, key=lambda one: WEIGHTS.index(one.severity)))
+    return tuple(sorted(messages, key=lambda message: WEIGHTS.index(message.severity)))
 
 
 LISTED = 20  # names of those that are known
@@ -223,5 +223,9 @@ def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnosti
     if not names:
         return note("name.none")
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
-    listed = _figure(names if len(names) <= LISTED else [*names[:LISTED], "…"])
-    return note("name.near", meant=near[0], known=listed) if near else note("name.unknown", known=listed)
+    known_names = _figure(names if len(names) <= LISTED else [*names[:LISTED], "…"])
+    return (
+        note("name.near", meant=near[0], known=known_names)
+        if near
+        else note("name.unknown", known=known_names)
+    )

@@ -19,14 +19,14 @@ DOMAIN = "baqueano"
 CATALOGUES = Path(__file__).with_name("locale")
 Shown = TypeVar("Shown")
 _COMMA = str.maketrans({".": ",", ",": " "})
-_chosen = ""
+_language = ""
 _reader: ContextVar[str] = ContextVar("reader", default="")  # the language of whom a text is made for
 
 
 def choose(language: str) -> None:
     """Choose one of LANGUAGES for this process, for the help of its command line too; "" undoes it."""
-    global _chosen
-    _chosen = language
+    global _language
+    _language = language
     os.environ["LANGUAGE"] = current()
     gettext.bindtextdomain(DOMAIN, str(CATALOGUES))
     gettext.textdomain(DOMAIN)  # click asks there
@@ -53,7 +53,7 @@ def current() -> str:
     >>> current()
     'en'
     """
-    tag = _reader.get() or _chosen or os.environ.get(VARIABLE) or _of_the_system()
+    tag = _reader.get() or _language or os.environ.get(VARIABLE) or _of_the_system()
     language = tag.partition("_")[0].partition(".")[0].lower()
     return language if language in LANGUAGES else "en"
 
@@ -106,8 +106,8 @@ def shown_unit(words: str) -> str:
     ...     print(shown_unit("N per unit of u"))
     N por unidad de u
     """
-    for one in _OF_UNITS:
-        words = words.replace(one, translated(one))
+    for unit_word in _OF_UNITS:
+        words = words.replace(unit_word, translated(unit_word))
     return words
 
 
@@ -130,9 +130,11 @@ def _catalogue(language: str) -> gettext.NullTranslations:
 
 
 def _of_the_system() -> str:
-    named = next((os.environ[name] for name in ("LC_ALL", "LC_MESSAGES", "LANG") if os.environ.get(name)), "")
-    if named or os.name != "nt":
-        return named
+    locale_name = next(
+        (os.environ[name] for name in ("LC_ALL", "LC_MESSAGES", "LANG") if os.environ.get(name)), ""
+    )
+    if locale_name or os.name != "nt":
+        return locale_name
     import ctypes
     import locale
 

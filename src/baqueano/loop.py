@@ -82,7 +82,7 @@ def run(
     world: World,
     clock: Iterable[int],
     on_record: Callable[[Record], None] = lambda record: None,
-    on_event: Callable[[int, Diagnostic], None] = lambda t_ns, why: None,
+    on_event: Callable[[int, Diagnostic], None] = lambda t_ns, reason: None,
     eta: np.ndarray | None = None,
 ) -> Outcome:
     """The clocked loop over a world. However it ends, it ends with a zero command.
@@ -93,27 +93,27 @@ def run(
     """
     n = world.commands
     blocks = Blocks(*(guarded(room, b, n) for room, b in zip(Blocks._fields, blocks, strict=True)))
-    stopped: Diagnostic | None = None
+    end_reason: Diagnostic | None = None
     since_ns, done, ticks, t_ns = 0, False, 0, 0
     try:
-        for record, why in _records(blocks, world, clock, eta):
+        for record, reason in _records(blocks, world, clock, eta):
             ticks, t_ns = ticks + 1, record.tick.t_ns
             on_record(record)
-            if why is not None and stopped is None:
-                stopped, since_ns = why, t_ns
-                on_event(t_ns, why)
+            if reason is not None and end_reason is None:
+                end_reason, since_ns = reason, t_ns
+                on_event(t_ns, reason)
             done = bool(record.reference.done > 0.0)
-            if done or (stopped is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
+            if done or (end_reason is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
                 break
     except BlockFault as fault:  # in init: nothing has moved yet
-        stopped = fault.why
-        on_event(t_ns, stopped)
+        end_reason = fault.why
+        on_event(t_ns, end_reason)
     except KeyboardInterrupt:
-        stopped = stop(StopReason.INTERRUPTED)
-        on_event(t_ns, stopped)
+        end_reason = stop(StopReason.INTERRUPTED)
+        on_event(t_ns, end_reason)
     finally:
         world.write(Command(t_ns, np.zeros(n)))
-    return Outcome(stopped, done and stopped is None, ticks)
+    return Outcome(end_reason, done and end_reason is None, ticks)
 
 
 def _records(
@@ -122,13 +122,13 @@ def _records(
     """Yield the record of every tick, and the reason for stopped motors, None while they may run."""
     states = init(blocks, eta)
     for t_ns in clock:
-        happened = []
+        records = []
         for tick in world.read(t_ns):
-            blocks, states, record, why = careful_step(blocks, states, tick)
-            happened.append((record, why))
-        if happened:
-            world.write(happened[-1][0].command)  # first act, then write it down
-        yield from happened
+            blocks, states, record, reason = careful_step(blocks, states, tick)
+            records.append((record, reason))
+        if records:
+            world.write(records[-1][0].command)  # first act, then write it down
+        yield from records
 
 
 def careful_step(

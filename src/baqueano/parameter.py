@@ -231,10 +231,11 @@ def documented(block: Kind) -> Kind:
     entries: dict[str, str] = {}
     for kind in reversed(block.__mro__):
         entries |= {
-            one[1]: one[0].rstrip() for one in ENTRY.finditer(_section(inspect.cleandoc(kind.__doc__ or "")))
+            match[1]: match[0].rstrip()
+            for match in ENTRY.finditer(_section(inspect.cleandoc(kind.__doc__ or "")))
         }
     own = inspect.cleandoc(block.__doc__)
-    described = [
+    descriptions = [
         _entry(field) if "parameter" in field.metadata else entries.get(field.name, "")
         for field in dataclasses.fields(block)
     ]
@@ -243,7 +244,7 @@ def documented(block: Kind) -> Kind:
         own = own.replace(f"Parameters\n----------\n{before}", "")
     first = SECTION.search(own)
     head, tail = (own[: first.start()], own[first.start() :]) if first else (own, "")
-    rows = "\n".join(filter(None, described))
+    rows = "\n".join(filter(None, descriptions))
     block.__doc__ = f"{head.rstrip()}\n\nParameters\n----------\n{rows}\n\n{tail}".rstrip()
     return block
 
@@ -251,9 +252,9 @@ def documented(block: Kind) -> Kind:
 def _section(doc: str) -> str:
     """Return the entries of the section Parameters."""
     sections = list(SECTION.finditer(doc))
-    for here, following in pairwise([*sections, None]):
-        if here is not None and here[1] == "Parameters":
-            return doc[here.end() + 1 : following.start() if following else None]
+    for section, following in pairwise([*sections, None]):
+        if section is not None and section[1] == "Parameters":
+            return doc[section.end() + 1 : following.start() if following else None]
     return ""
 
 

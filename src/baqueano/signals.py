@@ -224,8 +224,8 @@ def measured_ns(t_ns: int, slot: Slot) -> int:
 @cache
 def sensor_slots(names: tuple[str, ...]) -> Callable[..., ByName[Tree]]:
     """The NamedTuple class that holds one Slot per sensor name; the same names give the same class."""
-    made: Tree = namedtuple("Sensors", names)
-    return made
+    slots_class: Tree = namedtuple("Sensors", names)
+    return slots_class
 
 
 def silent(sizes: dict[str, int]) -> ByName[Slot]:

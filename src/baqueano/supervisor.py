@@ -113,8 +113,8 @@ def stop_reason(state: Tree) -> Diagnostic | None:
 
     One that has reasons of its own holds them as `why`: a diagnostic, or its words.
     """
-    if why := getattr(state, "why", None):
-        return why if isinstance(why, Diagnostic) else stop(StopReason.OWN_REASON, words=str(why))
+    if reason := getattr(state, "why", None):
+        return reason if isinstance(reason, Diagnostic) else stop(StopReason.OWN_REASON, words=str(reason))
     if getattr(state, "stopped", 0.0) > 0.0:
         return numbered(int(getattr(state, "reason", 0.0)))
     return None
@@ -122,13 +122,13 @@ def stop_reason(state: Tree) -> Diagnostic | None:
 
 def numbered(reason: int) -> Diagnostic:
     """Return the diagnostic of an index into REASONS; a supervisor of the user's may have others."""
-    ours = REASONS[reason] if 0 < reason < len(REASONS) else None
-    if ours is None:
+    stop_code = REASONS[reason] if 0 < reason < len(REASONS) else None
+    if stop_code is None:
         return stop(
             StopReason.OWN_REASON,
             words=_("the supervisor stopped the vehicle, reason {reason}", reason=reason),
         )
-    return stop(ours)
+    return stop(stop_code)
 
 
 class BlockFault(Exception):
@@ -166,10 +166,10 @@ class GuardedBlock:
         except BaseException as error:
             raise self._fault(error) from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
-            raise self._returned(_text_of(result), "(state, output)")
+            raise self._return_fault(_text_of(result), "(state, output)")
         if wrong := _wrong(result[1], self.kind, self.zeros):
             self._ask_parts(state, inputs)
-            raise self._returned(*wrong)
+            raise self._return_fault(*wrong)
         return result
 
     def __getattr__(self, name: str) -> Tree:
@@ -181,28 +181,28 @@ class GuardedBlock:
             commands = len(self.zeros.get("u", ()))
             replace(self, block=_with_guarded_parts(self.room, text, commands)).step(state, *inputs)
 
-    def _returned(self, returned: str, expected: str) -> BlockFault:
-        why = stop(StopReason.BLOCK_RETURNED, block=_where(self), found=returned, expected=expected)
-        return BlockFault(self.room, why)
+    def _return_fault(self, result_text: str, expected: str) -> BlockFault:
+        reason = stop(StopReason.BLOCK_RETURNED, block=_place(self), found=result_text, expected=expected)
+        return BlockFault(self.room, reason)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
         """Return the fault of any exception of the block, sys.exit() too; raise again what comes from outside."""
         if from_outside(error):
             raise error
-        return BlockFault(self.room, stop(reason, block=_where(self, error), error=named(error)))
+        return BlockFault(self.room, stop(reason, block=_place(self, error), error=named(error)))
 
 
 def guarded(room: str, block: Block, commands: int = 0) -> GuardedBlock:
     """`block` of a room of the loop, and each of its parts, for a vehicle with `commands` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
     command = {"u": np.zeros(commands)}
-    promised: dict[str, tuple[type, dict[str, np.ndarray]]] = {
+    contract: dict[str, tuple[type, dict[str, np.ndarray]]] = {
         "estimator": (Estimate, pose | {"cov": np.zeros((6, 6))}),
         "guide": (Reference, pose),
         "controller": (Command, command),
         "supervisor": (Command, command),
     }
-    return GuardedBlock(room, _with_guarded_parts(room, block, commands), *promised[room])
+    return GuardedBlock(room, _with_guarded_parts(room, block, commands), *contract[room])
 
 
 def _with_guarded_parts(room: str, block: Tree, commands: int) -> Tree:
@@ -262,17 +262,17 @@ def _text_of(value: object) -> str:
     return "nothing" if value is None else type(value).__name__
 
 
-def _where(guard: GuardedBlock, error: BaseException | None = None) -> str:
+def _place(guard: GuardedBlock, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
     block = _to_blame(guard.block, {frame.filename for frame in frames})
     kind: Tree = type(block)
-    who, file = f"{guard.room} {kind.__name__}", _file_of(block)
+    block_name, file = f"{guard.room} {kind.__name__}", _file_of(block)
     if file is None:
-        return who
+        return block_name
     line = kind.step.__code__.co_firstlineno
     own = [frame.lineno for frame in frames if frame.filename == file and frame.lineno is not None]
-    return f"{who} ({file}:{own[-1] if own else line})"
+    return f"{block_name} ({file}:{own[-1] if own else line})"
 
 
 def _as_written(block: Tree) -> Tree:

@@ -29,8 +29,8 @@ class Mine(PdFeedforward):
 
 @pytest.fixture(autouse=True)
 def _a_process_that_trusts_nobody(monkeypatch, tmp_path):
-    monkeypatch.setattr(blocks, "_trusted", set())
-    monkeypatch.setattr(blocks, "_loaded", {})
+    monkeypatch.setattr(blocks, "_trusted_files", set())
+    monkeypatch.setattr(blocks, "_modules", {})
     monkeypatch.chdir(tmp_path)
 
 
@@ -164,8 +164,8 @@ def test_what_the_user_types_is_executed(tmp_path, mark):
     load("small").controller(f"{theirs}:Mine")
     assert mark.exists()
     mark.unlink()
-    blocks._trusted.clear()
-    blocks._loaded.clear()
+    blocks._trusted_files.clear()
+    blocks._modules.clear()
     override(load("small"), [f"controller.kind={theirs}:Mine"]).controller()
     assert mark.exists()
 
@@ -184,7 +184,7 @@ def test_the_command_line_says_what_to_type_and_goes_on_with_it(tmp_path, mark, 
         "next.allow-blocks", "baqueano replay sent.mcap --allow-blocks",
     )  # fmt: skip
     for words, code, ran in ((line, 3, False), ([*line, "--allow-blocks"], 0, True), (line, 3, False)):
-        blocks._trusted.clear()
+        blocks._trusted_files.clear()
         mark.unlink(missing_ok=True)
         with pytest.raises(SystemExit) as ended:
             main(words)

@@ -94,7 +94,7 @@ def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robo
         before = robot.motion.eta[2]
         bench.hold(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
         free, before = robot.motion.eta[2] - before, robot.motion.eta[2]
-        told = calibrate_motors._held_heading(bench, sign, 3.3)
+        told = calibrate_motors._heading_error(bench, sign, 3.3)
         print(f"free {np.degrees(free):.1f}°, held {np.degrees(told):.1f}°")
         assert abs(free) > np.radians(20.0)
         assert abs(told) < 0.4 * abs(free)

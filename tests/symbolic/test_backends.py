@@ -18,7 +18,7 @@ def double(x):
 def elsewhere(monkeypatch, tmp_path):
     """No kernel of another test is loaded or kept."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(backends, "_reported", set())
+    monkeypatch.setattr(backends, "_report_log", set())
     monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
 
 

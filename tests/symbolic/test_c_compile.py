@@ -28,7 +28,7 @@ def cache(tmp_path, monkeypatch) -> Path:
     home = tmp_path / "José Ñandú (casa)"
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"):
         monkeypatch.setenv(name, str(home))
-    monkeypatch.setattr(compile, "_loaded", {})
+    monkeypatch.setattr(compile, "_libraries", {})
     return compile._cache_folder()
 
 
@@ -44,7 +44,7 @@ def test_a_library_is_kept_in_a_folder_with_spaces_and_accents(cache):
     assert compile.load(answer(41)).answer() == 41
     assert len(libraries(cache)) == 1
     before = libraries(cache)[0].stat().st_mtime_ns
-    compile._loaded.clear()
+    compile._libraries.clear()
     assert compile.load(answer(41)).answer() == 41
     assert libraries(cache)[0].stat().st_mtime_ns == before
 
@@ -62,7 +62,7 @@ def test_a_damaged_library_is_built_again(cache, damage):
     whole = path.read_bytes()
     path.unlink()  # the old one stays mapped
     path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
-    compile._loaded.clear()
+    compile._libraries.clear()
     assert compile.load(answer(42)).answer() == 42
     assert [p.stat().st_size > 1000 for p in libraries(cache)] == [True]
 

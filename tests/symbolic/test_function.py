@@ -208,8 +208,8 @@ class Scaled:
 @pytest.fixture
 def kept(monkeypatch):
     made = sys.modules["baqueano.symbolic.function"]
-    monkeypatch.setattr(made, "_kept", {})
-    return made._kept
+    monkeypatch.setattr(made, "_cache", {})
+    return made._cache
 
 
 def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept):

@@ -352,7 +352,7 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
     from baqueano.drive.mission import Mission
     from baqueano.guides.shapes import sinuous_circle
     from baqueano.runs.route_file import write_route
-    from baqueano.web.run import _presumed
+    from baqueano.web.run import _presume
 
     write_route(sinuous_circle(0.6, 0.08, 5, 0.2), tmp_path / "oval.csv")
 
@@ -360,7 +360,7 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
         page = live_page(tmp_path)
         async with page as (server, link, live):
             lab = Lab()
-            await _presumed(live, lab, "small", tmp_path)
+            await _presume(live, lab, "small", tmp_path)
             async with browser(server) as ana:
                 assert ana.hello["routes"] == ["oval"]
                 for kind, more in (("repeat", {"route": "oval", "laps": 2}), ("drive", {})):

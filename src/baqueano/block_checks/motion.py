@@ -153,5 +153,5 @@ def _rate(trial: Trial, block: Any, answers: int) -> None:
 def moving(k: int) -> Motion:
     """A steady circle through ψ = π."""
     psi = ETA[2] + NU[2] * k * DT_S
-    turned = (psi + np.pi) % (2.0 * np.pi) - np.pi
-    return Motion(np.array([ETA[0], ETA[1], turned]), NU, np.array([0.0, 0.0, 0.0]), LEVEL)
+    heading = (psi + np.pi) % (2.0 * np.pi) - np.pi
+    return Motion(np.array([ETA[0], ETA[1], heading]), NU, np.array([0.0, 0.0, 0.0]), LEVEL)

@@ -135,12 +135,12 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     trial = Trial(block)
     try:
         plain = _steer(trial, commands, np.zeros(3), 0.0)
-        turned = _steer(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
+        rotated_u = _steer(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
         full = _steer(trial, commands, np.zeros(3), 2.0 * np.pi)
         scale = 1e-6 * (1.0 + np.max(np.abs(plain)))
         if np.max(np.abs(full - plain)) > scale:
             trial.say("check.full-turn", "step")
-        elif np.max(np.abs(turned - plain)) > scale:
+        elif np.max(np.abs(rotated_u - plain)) > scale:
             trial.say("check.world-moved", "step")
         _begin_anywhere(trial, "controller", a_sensor(), commands)
     except GaveUp:
@@ -148,15 +148,17 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     return trial.done()
 
 
-def _steer(trial: Trial, n: int, moved: np.ndarray, turn: float) -> np.ndarray:
-    """Commands (81, n) along a circle laid into the map at the pose `moved`; a repeated tick at the end."""
+def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
+    """Commands (81, n) along a circle laid into the map at the pose `offset`; a repeated tick at the end."""
     state, commands_ = trial.ask("init", AT_START), []
     for k in [*range(80), 79]:
         t_ns, psi = (k + 1) * TICK_NS, TURN * DT_S * k
-        here = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
-        there = here + np.array([0.02, 0.01, 0.15])
-        estimate = Estimate(t_ns, _laid(here, moved, 0.0), np.array([0.25, 0.0, TURN]), 1e-4 * np.eye(6))
-        reference = Reference(t_ns, _laid(there, moved, turn), np.array([0.25, 0.0, TURN]), 0.0)
+        position = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
+        goal = position + np.array([0.02, 0.01, 0.15])
+        estimate = Estimate(
+            t_ns, _shift(position, offset, 0.0), np.array([0.25, 0.0, TURN]), 1e-4 * np.eye(6)
+        )
+        reference = Reference(t_ns, _shift(goal, offset, turn), np.array([0.25, 0.0, TURN]), 0.0)
         when = CIRCLE if k < 79 or len(commands_) < 80 else REPEATED
         state, command = trial.step(when, state, reference, estimate)
         if not isinstance(command, Command):
@@ -169,9 +171,9 @@ def _steer(trial: Trial, n: int, moved: np.ndarray, turn: float) -> np.ndarray:
     return np.array(commands_[:80])
 
 
-def _laid(eta: np.ndarray, moved: np.ndarray, turn: float) -> np.ndarray:
-    xy = moved[:2] + map_from_body(moved[2])[:2, :2] @ eta[:2]
-    return np.array([xy[0], xy[1], wrap(eta[2] + moved[2]) + turn])
+def _shift(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
+    xy = offset[:2] + map_from_body(offset[2])[:2, :2] @ eta[:2]
+    return np.array([xy[0], xy[1], wrap(eta[2] + offset[2]) + turn])
 
 
 def check_guide(block: object) -> list[Diagnostic]:
@@ -249,8 +251,8 @@ def check_supervisor(
     trial = Trial(block)
     sensors = a_sensor() if sensors is None else sensors
     try:
-        for what, u, eta in (("Command", np.nan, 0.0), ("Estimate", 0.1, np.nan)):
-            _supervise(trial, sensors, commands, what, u, eta)
+        for subject, u, eta in (("Command", np.nan, 0.0), ("Estimate", 0.1, np.nan)):
+            _supervise(trial, sensors, commands, subject, u, eta)
         _limits(trial, sensors, commands)
         _begin_anywhere(trial, "supervisor", sensors, commands)
     except GaveUp:
@@ -258,19 +260,19 @@ def check_supervisor(
     return trial.done()
 
 
-def _supervise(trial: Trial, sensors: SensorBlocks, n: int, what: str, u: float, eta: float) -> None:
+def _supervise(trial: Trial, sensors: SensorBlocks, n: int, subject: str, u: float, eta: float) -> None:
     """Ten good ticks, one with a NaN, ten good ones: zeros from the NaN on."""
     state = trial.ask("init", AT_START)
     for k in range(21):
         bad = k == 10
         u_given = np.full(n, u if bad else 0.1)
         state, out = _let_through(
-            trial, sensors, state, k, u_given, eta if bad else 0.0, note("when.around-nan", what=what)
+            trial, sensors, state, k, u_given, eta if bad else 0.0, note("when.around-nan", what=subject)
         )
         if bad and np.any(out):
-            trial.say("check.lets-through", "step", u=str(out.tolist()), what=what)
+            trial.say("check.lets-through", "step", u=str(out.tolist()), what=subject)
         elif k > 10 and np.any(out):
-            trial.say("check.drives-again", "step", what=what)
+            trial.say("check.drives-again", "step", what=subject)
 
 
 def _limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:

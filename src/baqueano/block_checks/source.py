@@ -33,14 +33,14 @@ def doors(kind: type) -> list[Diagnostic]:
         return []
     faults = [
         fault(
-            f"outside.{what}",
+            f"outside.{door}",
             subject=kind.__name__,
             place=f"{file.name} line {line}",
             name=name,
-            instead=instead,
+            instead=advice,
         )
         for node in ast.walk(tree)
-        for line, what, name, instead in _through(node)
+        for line, door, name, advice in _through(node)
     ]
     return list(dict.fromkeys(faults))
 

@@ -20,8 +20,8 @@ def source_text(kind: type) -> str:
 
 def _file_of(kind: type) -> str:
     """Return the name under which Python keeps the text: that of a method, for a notebook's cell is in no file."""
-    methods = [one for one in vars(kind).values() if isinstance(one, FunctionType)]
-    files = [one.__code__.co_filename for one in methods if one.__module__ == kind.__module__]
+    methods = [method for method in vars(kind).values() if isinstance(method, FunctionType)]
+    files = [method.__code__.co_filename for method in methods if method.__module__ == kind.__module__]
     try:
         return next((f for f in files if f != "<string>"), "") or inspect.getsourcefile(kind) or ""
     except (OSError, TypeError):

@@ -32,7 +32,7 @@ class Trial:
         self.block = block
         self.kind = type(block)
         self.faults = dict.fromkeys(doors(self.kind))
-        self._own = _frozen(_fields(block))
+        self._own = _freeze(_fields(block))
         self._calls_of: dict[tuple[str, Diagnostic], int] = {}
         if not _is_frozen_dataclass(self.kind):
             self.say("check.not-frozen")
@@ -43,7 +43,7 @@ class Trial:
     @property
     def lacking(self) -> bool:
         """Return whether the block has not all that its trial asks for."""
-        return any(one.code in LACKING for one in self.faults)
+        return any(fault_.code in LACKING for fault_ in self.faults)
 
     def say(self, code: str, verb: str = "", **figures: Any) -> None:
         """Keep a diagnostic for the author, with the place that it speaks of."""
@@ -53,20 +53,20 @@ class Trial:
 
     def ask(self, verb: str, when: Diagnostic, *arguments: object) -> Any:
         """The result of a call, made twice. GaveUp if it raised."""
-        before = _frozen(arguments)
+        before = _freeze(arguments)
         first = self._call(verb, when, arguments)
-        if _frozen(arguments) != before:
+        if _freeze(arguments) != before:
             self.say("check.changes-arguments", verb, when=when)
-        if self._again(verb, when) and _frozen(first) != _frozen(
+        if self._repeats(verb, when) and _freeze(first) != _freeze(
             self._call(verb, when, copy.deepcopy(arguments))
         ):
             self.say("check.two-answers", verb, when=when)
-        if _frozen(_fields(self.block)) != self._own:
+        if _freeze(_fields(self.block)) != self._own:
             self.say("check.changes-itself", verb, when=when)
-            self._own = _frozen(_fields(self.block))
+            self._own = _freeze(_fields(self.block))
         return first
 
-    def _again(self, verb: str, when: Diagnostic) -> bool:
+    def _repeats(self, verb: str, when: Diagnostic) -> bool:
         """Return True where a call is to be repeated: the first calls, then some of them."""
         count = self._calls_of[verb, when] = self._calls_of.get((verb, when), 0) + 1
         return count <= 5 or count % 10 == 0
@@ -74,8 +74,8 @@ class Trial:
     def step(self, when: Diagnostic, *arguments: object) -> tuple[Any, Any]:
         """(state, output) of a step."""
         result = self.ask("step", when, *arguments)
-        named = type(result) is not tuple  # a Command alone is a tuple of two as well
-        if not (isinstance(result, tuple) and len(result) == 2) or named:
+        is_record = type(result) is not tuple  # a Command alone is a tuple of two as well
+        if not (isinstance(result, tuple) and len(result) == 2) or is_record:
             if type(result) is tuple:
                 self.say("check.values", "step", count=len(result), when=when)
             else:
@@ -162,7 +162,7 @@ def _fields(block: object) -> Any:
     return values | dict(getattr(block, "__dict__", {}))
 
 
-def _frozen(value: object) -> Any:
+def _freeze(value: object) -> Any:
     """A copy that compares with ==, NaN equal to NaN, every bit counting."""
     if isinstance(value, np.ndarray):
         return (
@@ -174,11 +174,11 @@ def _frozen(value: object) -> Any:
     if isinstance(value, float | np.floating):
         return ("float", np.float64(value).tobytes())
     if isinstance(value, np.generic):
-        return _frozen(value.item())
+        return _freeze(value.item())
     if isinstance(value, dict):
-        return ("dict", tuple((k, _frozen(v)) for k, v in value.items()))
+        return ("dict", tuple((k, _freeze(v)) for k, v in value.items()))
     if isinstance(value, list | tuple):
-        return (type(value).__name__, tuple(_frozen(v) for v in value))
+        return (type(value).__name__, tuple(_freeze(v) for v in value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return (type(value).__name__, _frozen(_fields(value)))
+        return (type(value).__name__, _freeze(_fields(value)))
     return value if isinstance(value, int | str | bytes | type(None)) else ("object", id(value))

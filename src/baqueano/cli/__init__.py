@@ -203,7 +203,7 @@ def main(args: list[str] | None = None) -> None:
             not debug and not sys.warnoptions
         ):  # overflow on the way of a search is none of the user's business
             warnings.simplefilter("ignore", RuntimeWarning)
-        sys.exit(_answered(args, anywhere + ["--lang", tag] * bool(tag)))
+        sys.exit(_exit_code(args, anywhere + ["--lang", tag] * bool(tag)))
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:
@@ -217,7 +217,7 @@ def _without_language(args: list[str]) -> tuple[list[str], str]:
     return args, ""
 
 
-def _answered(args: list[str], before: list[str]) -> int:
+def _exit_code(args: list[str], before: list[str]) -> int:
     """The exit code, after everything was said."""
     from click.exceptions import NoArgsIsHelpError
 

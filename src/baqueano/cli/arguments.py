@@ -30,6 +30,6 @@ class Option:
     name: str
 
     def __format__(self, value: str) -> str:
-        option, what = OPTIONS.get(self.name, (f"--{self.name.replace('_', '-')}", "VALUE"))
-        shown = what if value == OPEN else shlex.quote(value) if value else ""
-        return f"{option} {shown}".rstrip()
+        option, value_name = OPTIONS.get(self.name, (f"--{self.name.replace('_', '-')}", "VALUE"))
+        value_text = value_name if value == OPEN else shlex.quote(value) if value else ""
+        return f"{option} {value_text}".rstrip()

@@ -35,7 +35,11 @@ class CommandError(NamedTuple):
     @property
     def sentence(self) -> str:
         """Return why it ended and what to type next, as it is typed."""
-        parts = (text(one, argument=Option) for one in (self.why, self.next) if one is not None)
+        parts = (
+            text(diagnostic, argument=Option)
+            for diagnostic in (self.why, self.next)
+            if diagnostic is not None
+        )
         return (". " if self.why.fix else " ").join(parts)
 
     @property
@@ -51,11 +55,11 @@ class CommandError(NamedTuple):
 
 def command_error(error: BaseException, args: list[str]) -> CommandError:
     """Return how an error ends the command.  args: the command line, without `baqueano`."""
-    why, code = _why(error, args)
-    return CommandError(why, next_line(why, code, args), code)
+    diagnostic, code = _diagnosis(error, args)
+    return CommandError(diagnostic, next_line(diagnostic, code, args), code)
 
 
-def _why(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
+def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     match error:
         case BaqueanoError():
             words = fault("cli.words", words=str(error))

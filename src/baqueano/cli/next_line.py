@@ -28,17 +28,17 @@ def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | N
         return None
     causes = list(_causes(message))
     for cause in causes:
-        if (again := _put_right(cause, args)) is not None:
-            return fault("next.put-right", typed(*again))
+        if (corrected_args := _put_right(cause, args)) is not None:
+            return fault("next.put-right", typed(*corrected_args))
     if any(cause.code in TO_ALLOW for cause in causes):
         return fault("next.allow-blocks", typed(*args, "--allow-blocks"))
     missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
     for path in missing:
         if (near_path := _nearest(path)) is not None and str(path) in args:
-            again = [str(near_path) if Path(arg) == path else arg for arg in args]
-            return fault("next.near-file", typed(*again), meant=near_path)
-    if code == USAGE and (again := _with_points(args)) != args:
-        return fault("next.decimal-comma", typed(*again))
+            corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
+            return fault("next.near-file", typed(*corrected_args), meant=near_path)
+    if code == USAGE and (corrected_args := _with_points(args)) != args:
+        return fault("next.decimal-comma", typed(*corrected_args))
     if any(cause.fix for cause in causes):
         return None
     if code == USAGE:
@@ -61,15 +61,15 @@ def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
 
 def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with what was meant in the place of what was found; None where nothing is near it."""
-    unknown, near = str(cause.figures.get("found", "")), cause.figures.get("near")
+    mistyped_word, near = str(cause.figures.get("found", "")), cause.figures.get("near")
     suggestion = near.figures.get("meant") if isinstance(near, Diagnostic) else None
     for k, arg in enumerate(args):
         if (
-            unknown
+            mistyped_word
             and suggestion is not None
-            and unknown in (arg, *arg.split(":"), *arg.split("="), Path(arg).name)
+            and mistyped_word in (arg, *arg.split(":"), *arg.split("="), Path(arg).name)
         ):
-            return [*args[:k], arg.replace(unknown, str(suggestion), 1), *args[k + 1 :]]
+            return [*args[:k], arg.replace(mistyped_word, str(suggestion), 1), *args[k + 1 :]]
     return None
 
 
@@ -91,12 +91,12 @@ def _nearest(missing: Path) -> Path | None:
 def _in_place_of(path: Path) -> Diagnostic:
     """Return what is there of the kind of a path that is not."""
     alike = [name for name in _files(path.parent) if Path(name).suffix == path.suffix]
-    where = path.parent.resolve().name
+    folder = path.parent.resolve().name
     if not alike:
-        return fault("next.no-file", folder=where, suffix=path.suffix)
+        return fault("next.no-file", folder=folder, suffix=path.suffix)
     if len(alike) > SHOWN:
-        return fault("next.files-and-more", folder=where, files=alike[:SHOWN], more=len(alike) - SHOWN)
-    return fault("next.files", folder=where, files=alike)
+        return fault("next.files-and-more", folder=folder, files=alike[:SHOWN], more=len(alike) - SHOWN)
+    return fault("next.files", folder=folder, files=alike)
 
 
 def _files(folder: Path) -> list[str]:

@@ -62,8 +62,12 @@ class GroupedCommand(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options heading by heading, those of no group last."""
-        shown = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
-        records = {one.name: record for one in shown if (record := one.get_help_record(ctx)) is not None}
+        shown_options = [option for option in self.get_params(ctx) if isinstance(option, click.Option)]
+        records = {
+            option.name: record
+            for option in shown_options
+            if (record := option.get_help_record(ctx)) is not None
+        }
         rest = tuple(name for name in records if not any(name in names for names in self.groups.values()))
         for heading, names in {**self.groups, _("Other options"): rest}.items():
             with formatter.section(_(heading)):
@@ -130,13 +134,13 @@ def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
     simulation, and needs no advice there."""
     if measured(file, robot):
         return
-    named, there = naming(file), [] if robot == "simulated" else ["--robot", robot]
+    vehicle_options, robot_options = naming(file), [] if robot == "simulated" else ["--robot", robot]
     talk(
         note(
             "cli.measure-first",
             vehicle=file.label,
-            experiment=typed("experiment", *named, *there),
-            identify=typed("identify", "last", *named, "--update"),
+            experiment=typed("experiment", *vehicle_options, *robot_options),
+            identify=typed("identify", "last", *vehicle_options, "--update"),
         )
     )
 
@@ -163,19 +167,19 @@ def _runs_in(folder: str) -> list[str]:
 
 def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:
     """Say what to type where an estimator of these runs errs more than it says."""
-    for judged, run in zip(compared.runs, runs, strict=True):
-        if judged.too_sure:
+    for comparison, run in zip(compared.runs, runs, strict=True):
+        if comparison.too_sure:
             inside = run.path is None or run.path.parent == Path(folder)
-            what = run.name if inside else run.path
-            return talk(note("cli.next-identify", fix=typed("identify", what, *named, "--update")))
+            run_name = run.name if inside else run.path
+            return talk(note("cli.next-identify", fix=typed("identify", run_name, *named, "--update")))
 
 
 def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
     """The vehicle file of the simulated or emulated robot that is driven, which "simulated:FILE" or the file names."""
     from baqueano.vehicle_file import load
 
-    _, _, named = robot.partition(":")
-    return load(named) if named else vehicle.truth
+    _, _, truth_path = robot.partition(":")
+    return load(truth_path) if truth_path else vehicle.truth
 
 
 def run_path(out: Path | None, folder: str, label: str) -> Path:
@@ -199,10 +203,12 @@ def find_route(name: str) -> "Route":
 
     path = route_path(name)
     if not path.is_file():
-        stored = sorted(file.stem for file in ROUTES.glob("*.csv"))
-        there = note("cli.routes", stored=", ".join(stored)) if stored else note("cli.no-routes")
+        stored_names = sorted(file.stem for file in ROUTES.glob("*.csv"))
+        stored_routes = (
+            note("cli.routes", stored=", ".join(stored_names)) if stored_names else note("cli.no-routes")
+        )
         raise FileError(
-            fault("cli.route-absent", typed("teach", name), found=name, missing=path, there=there)
+            fault("cli.route-absent", typed("teach", name), found=name, missing=path, there=stored_routes)
         )
     if b"\0" in path.read_bytes()[:1000]:
         raise FileError(fault("cli.route-not-text", typed("teach", path.stem), path=path))
@@ -243,12 +249,12 @@ def ended(run: "Run", path: Path) -> None:
     from baqueano.errors import SafetyStop
 
     warned(run)
-    why = stop_of(run)
-    if why is None:
+    stop_reason = stop_of(run)
+    if stop_reason is None:
         return
-    if why.code == StopReason.INTERRUPTED:
+    if stop_reason.code == StopReason.INTERRUPTED:
         raise Interruption(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
-    raise SafetyStop(fault("cli.stopped", typed("runs", "show", path), cause=why, path=path))
+    raise SafetyStop(fault("cli.stopped", typed("runs", "show", path), cause=stop_reason, path=path))
 
 
 def warned(run: "Run") -> None:
@@ -263,11 +269,11 @@ def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all
 
-    loaded = [read_run(path) for name in names for path in find_all(name, folder)]
-    for run in loaded:
+    loaded_runs = [read_run(path) for name in names for path in find_all(name, folder)]
+    for run in loaded_runs:
         for cause in run.notes:
             talk(note("cli.run-note", run=run.name, cause=cause))
-    return loaded
+    return loaded_runs
 
 
 def kept(vehicle: "VehicleFile", update: bool) -> None:

@@ -36,8 +36,8 @@ _LETTERS = {
 
 def _spell(error: UnicodeError) -> tuple[str, int]:
     assert isinstance(error, UnicodeEncodeError)
-    lost = error.object[error.start : error.end]
-    return "".join(_LETTERS.get(c, "?") for c in lost), error.end
+    characters = error.object[error.start : error.end]
+    return "".join(_LETTERS.get(c, "?") for c in characters), error.end
 
 
 def plain_letters(*streams: TextIO) -> None:
@@ -85,7 +85,9 @@ def answer(
 
     reply = {"rows": [_finite(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
-        reply["reasons"] = [row_of(one) if isinstance(one, Diagnostic) else one for one in result.reasons]
+        reply["reasons"] = [
+            row_of(reason) if isinstance(reason, Diagnostic) else reason for reason in result.reasons
+        ]
     reply |= {name: list(map(_finite, rows)) for name, rows in beside.items()}
     answered.append(json.dumps(reply, allow_nan=False))
     tell(answered[-1])
@@ -125,16 +127,16 @@ def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], N
 @contextmanager
 def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
     """A bar on stderr that follows the time of a run [s]; `duration_s` 0: no end is known."""
-    done = 0
+    done_tenths = 0
     if duration_s <= 0.0:
         yield lambda t_s: _rewrite(text(note("cli.clocked", label=label, t_s=t_s))) if watched() else None
         _rewrite("")
         return
 
     def show(t_s: float) -> None:
-        nonlocal done
-        advance(max(0, round(10 * t_s) - done))
-        done = max(done, round(10 * t_s))
+        nonlocal done_tenths
+        advance(max(0, round(10 * t_s) - done_tenths))
+        done_tenths = max(done_tenths, round(10 * t_s))
 
     with progress(label, max(1, round(10 * duration_s))) as advance:
         yield show
@@ -175,10 +177,10 @@ def busy(label: Diagnostic | str) -> Iterator[Say]:
     """A line on stderr for work whose end is not known; a person who looks sees the seconds pass, and what the
     work says of itself; where nobody does, a line of it stands every EVERY_S.  Yields say(text)."""
     say, person, label = Say(), watched(), text(label)
-    start, done = time.monotonic(), threading.Event()
+    start, end_event = time.monotonic(), threading.Event()
 
     def count() -> None:
-        while not done.wait(0.5 if person else EVERY_S):
+        while not end_event.wait(0.5 if person else EVERY_S):
             suffix = f"  {say.text}" if say.text else ""
             line = f"{label}  {time.monotonic() - start:.0f} s{suffix}"
             _rewrite(line) if person else talk(line)
@@ -189,7 +191,7 @@ def busy(label: Diagnostic | str) -> Iterator[Say]:
     try:
         yield say
     finally:
-        done.set()
+        end_event.set()
         counting.join()
         say.done()
         _rewrite(f"{label}  {time.monotonic() - start:.1f} s\n")
@@ -213,5 +215,5 @@ def _rewrite(line: str) -> None:
         import shutil  # it loads bz2 and lzma, for which --help does not wait
 
         wide = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
-        shown = one_line(line.removesuffix("\n"))[:wide]
-        click.echo(f"\r{shown:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)
+        visible = one_line(line.removesuffix("\n"))[:wide]
+        click.echo(f"\r{visible:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)

@@ -59,8 +59,8 @@ class Adjustable:
             now = np.array(np.nan)
         if now.shape != before.shape or not np.all(np.isfinite(now)):
             raise Invalid(fault("door.not-a-number", name=path, found=repr(value)[:80]))
-        changed = replace(own, **{name: float(now) if now.ndim == 0 else now})
-        self.block = BudgetedBlock(changed) if isinstance(self.block, BudgetedBlock) else changed
+        new_block = replace(own, **{name: float(now) if now.ndim == 0 else now})
+        self.block = BudgetedBlock(new_block) if isinstance(self.block, BudgetedBlock) else new_block
         return note("door.set", path=path, before=str(before.tolist()), now=str(now.tolist()))
 
 

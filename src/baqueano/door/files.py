@@ -23,20 +23,20 @@ class RunFiles:
 
     def __init__(self, folder: Path, ring: Callable[[], object]) -> None:
         self.folder, self._ring = folder, ring
-        self._written: str | None = None  # the run that is being written
+        self._open_run: str | None = None  # the run that is being written
         self._list = b""
         self._looked_s = float("-inf")
         self._fetches = threading.BoundedSemaphore(MOST_FETCHES)
 
     def changed(self, written: str | None) -> None:
         """Look again at the next request; the run of this name is being written."""
-        self._written, self._looked_s = written, float("-inf")
+        self._open_run, self._looked_s = written, float("-inf")
 
     def list(self) -> bytes:
         """Return the names of the runs that are whole, or will never be, encoded: not of the one that is written."""
         if time.monotonic() - self._looked_s > FRESH_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
-            names = sorted(name for name in paths if is_name(name) and name != self._written)
+            names = sorted(name for name in paths if is_name(name) and name != self._open_run)
             self._list, self._looked_s = encoded({"is": "runs", "runs": names}), time.monotonic()
         return self._list
 
@@ -55,16 +55,21 @@ class RunFiles:
 
         def pieces() -> None:
             with file:
-                left, last = path.stat().st_size, False
+                remaining, last = path.stat().st_size, False
                 while not last and stays(guest):
                     if guest.waiting > 4 * CHUNK:
                         time.sleep(WAIT_S)
                         continue
-                    data = file.read(min(CHUNK, left))
-                    left = left - len(data) if data else 0
-                    last = left == 0
+                    data = file.read(min(CHUNK, remaining))
+                    remaining = remaining - len(data) if data else 0
+                    last = remaining == 0
                     guest.say(
-                        {"is": "file", "run": name, "data": base64.b64encode(data).decode(), "left": left}
+                        {
+                            "is": "file",
+                            "run": name,
+                            "data": base64.b64encode(data).decode(),
+                            "left": remaining,
+                        }
                     )
                     self._ring()
 

@@ -42,7 +42,7 @@ class Guest:
         self._backlog = 0  # bytes of the lines that wait, without the mission
         self._mission = False  # one that is longer than LONG waits: the beats behind it are not to be dropped
         self._going: deque[bytes] = deque()
-        self._sent, self._waiting = 0, 0  # bytes of the first message that has gone; bytes of all
+        self._sent_bytes, self._waiting = 0, 0  # bytes of the first message that has gone; bytes of all
         self._lock = threading.Lock()
 
     @property
@@ -127,9 +127,9 @@ class Guest:
             while self._going:
                 first = self._going[0]
                 try:
-                    self._sent += self.line.send(memoryview(first)[self._sent :])
+                    self._sent_bytes += self.line.send(memoryview(first)[self._sent_bytes :])
                 except BlockingIOError:
                     return
-                if self._sent >= len(first):
+                if self._sent_bytes >= len(first):
                     self._going.popleft()
-                    self._waiting, self._sent = self._waiting - len(first), 0
+                    self._waiting, self._sent_bytes = self._waiting - len(first), 0

@@ -42,7 +42,7 @@ class Operator:
         self._quit, self.clear_requested = False, False  # the last: somebody takes a stop away
         self._marks = 0
         self._changes: deque[tuple[str, object]] = deque(maxlen=MOST_CHANGES)
-        self._taken = False  # by a mission that is driven, or waits
+        self._busy = False  # by a mission that is driven, or waits
 
     # from outside
 
@@ -77,16 +77,16 @@ class Operator:
     @property
     def taken(self) -> bool:
         """Return True while a mission is driven, or waits."""
-        return self._taken
+        return self._busy
 
     def may_ask(self, who: object) -> None:
         """SafetyStop where a mission of `who` would be refused just now: one is driven, or waits, or somebody else
         drives."""
         with self._lock:
-            if self._taken and who is self._holder:
+            if self._busy and who is self._holder:
                 raise SafetyStop(note("door.own-mission", Severity.ERROR))
             if (
-                self._taken and self._holder is None
+                self._busy and self._holder is None
             ):  # its holder has gone: a new operator must not lend it signs of life
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
             self._nobody_but(who)
@@ -98,7 +98,7 @@ class Operator:
         by its `name`; `silence_s` as in `hold`."""
         self.may_ask(who)
         self.hold(who, silence_s)
-        self._taken, self._quit = True, False
+        self._busy, self._quit = True, False
         self._missions.append((mission, attended, name))
 
     def want(self, who: object, u: object) -> None:
@@ -116,7 +116,7 @@ class Operator:
 
     def change(self, who: object, path: str, value: object) -> None:
         """The holder sets a gain from the next tick on; SafetyStop for anybody else."""
-        if who is not self._holder or not self._taken:
+        if who is not self._holder or not self._busy:
             raise SafetyStop(note("door.not-holder", Severity.ERROR))
         self._changes.append((path, value))
 
@@ -173,11 +173,11 @@ class Operator:
 
     def free(self) -> None:
         """The mission is over: another may be asked for."""
-        self._taken = False
+        self._busy = False
 
-    def _nobody_but(self, who: object) -> None:
-        if self._holder is None or self._holder is who:
+    def _nobody_but(self, client: object) -> None:
+        if self._holder is None or self._holder is client:
             return
-        if self._taken:
+        if self._busy:
             raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
         raise SafetyStop(note("door.somebody-waits", Severity.ERROR))

@@ -125,19 +125,19 @@ class Remote:
         ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives further messages to send, `on_state` gets the
         vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
         there."""
-        self._forget_others()
+        self._drop_old_messages()
         name = uuid4().hex
         self._check_version()
         self.say(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
-        done = self._driven(name, hand, progress, say, words, on_state)
-        if done["run"] is not None:
-            self.fetch(done["run"], path)
-        why, code = done["why"], int(done.get("code", 0))
-        if done["run"] is None or code:
-            raise of_code(code or SafetyStop.exit_code, why or "")
+        outcome = self._await_end(name, hand, progress, say, words, on_state)
+        if outcome["run"] is not None:
+            self.fetch(outcome["run"], path)
+        reason, code = outcome["why"], int(outcome.get("code", 0))
+        if outcome["run"] is None or code:
+            raise of_code(code or SafetyStop.exit_code, reason or "")
         return read_run(path)
 
-    def _driven(
+    def _await_end(
         self,
         name: str,
         hand: Callable[[], Any] | None,
@@ -147,7 +147,7 @@ class Remote:
         on_state: Callable[["JsonObject"], Any],
     ) -> "JsonObject":
         """Return the end of the drive of this id; send signs of life until then."""
-        begun, ending = time.monotonic(), False
+        start_s, ending = time.monotonic(), False
         while True:
             try:
                 if hand is not None and not ending:
@@ -160,7 +160,7 @@ class Remote:
                 message = self._next(BEAT_S if hand is None or ending else HAND_S)
                 on_state(self.state | {"link_ms": self.link_ms})
                 if message is None:
-                    progress(time.monotonic() - begun)
+                    progress(time.monotonic() - start_s)
                 elif message["is"] == "event":
                     say(text(message["said"]))
                 elif message["is"] == "done" and message.get("id") == name:
@@ -173,12 +173,12 @@ class Remote:
 
     def _check_version(self) -> None:
         """UsageError where the vehicle speaks another version of the words: its answers would not be understood."""
-        if (theirs := self.state.get("door", 1)) != VERSION:
-            figures = {"host": self.name, "theirs": str(theirs), "ours": VERSION}
+        if (robot_version := self.state.get("door", 1)) != VERSION:
+            figures = {"host": self.name, "theirs": str(robot_version), "ours": VERSION}
             fix = typed("robot", "setup", self.name)
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
-    def _forget_others(self) -> None:
+    def _drop_old_messages(self) -> None:
         """Drop the messages until now: they are of other drives."""
         while not self.inbox.empty():
             message = self.inbox.get()
@@ -221,15 +221,15 @@ class Remote:
 
     def _pieces(self, run: str, most: int) -> Iterator[bytes]:
         """The bytes of a run, at most so many."""
-        size, come = None, 0
-        while size is None or come < size:
+        size, received_bytes = None, 0
+        while size is None or received_bytes < size:
             message = self.hear(("file",), 10.0)
             try:
                 piece = base64.b64decode(message["data"], validate=True)
             except ValueError:
                 piece, message["left"] = b"", -1
-            come += len(piece)
-            size = come + message["left"] if size is None else size
+            received_bytes += len(piece)
+            size = received_bytes + message["left"] if size is None else size
             if size > min(most, LONGEST_RUN):
                 raise FileError(
                     fault(
@@ -241,7 +241,7 @@ class Remote:
                         longest_gb=LONGEST_RUN >> 30,
                     )
                 )
-            if come + message["left"] != size or size < 0 or (come < size and not piece):
+            if received_bytes + message["left"] != size or size < 0 or (received_bytes < size and not piece):
                 raise RobotUnreachable(fault("remote.run-otherwise", host=self.name, run=run))
             yield piece
 
@@ -285,7 +285,7 @@ def reached(host: str, **first: Any) -> Iterator[Remote]:
         assert ssh.stdout is not None
         remote = Remote(ssh.stdin, ssh.stdout, host)  # pyright: ignore[reportArgumentType]
         try:
-            _greeted(remote, ssh, first)
+            _greet_ssh(remote, ssh, first)
             yield remote
         finally:
             with suppress(OSError):
@@ -322,9 +322,9 @@ def stop(host: str, why: Diagnostic) -> "JsonObject":
     """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
     within STOP_S: a drive that is being prepared ends before it moves, and only then."""
     with reached(host, do="stop", why=why) as remote:
-        if not remote.wait(lambda: remote.acknowledged == "stop" or _stopped(remote), GREETING_S):
+        if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_S):
             raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
-        if not remote.wait(lambda: _stopped(remote), STOP_S):
+        if not remote.wait(lambda: _is_stopped(remote), STOP_S):
             raise AnswerNo(
                 fault(
                     "remote.stop-not-seen",
@@ -341,7 +341,7 @@ def nobody_there(path: Path, error: OSError) -> Diagnostic:
     return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
 
 
-def _stopped(remote: Remote) -> bool:
+def _is_stopped(remote: Remote) -> bool:
     return remote.state.get("state") == DoorState.STOPPED
 
 
@@ -351,7 +351,7 @@ def _greet(remote: Remote, first: "JsonObject") -> None:
     remote.hear(("state", "heard"), GREETING_S)
 
 
-def _greeted(remote: Remote, ssh: Any, first: "JsonObject") -> None:
+def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
     try:
         _greet(remote, first)
     except RobotUnreachable as error:

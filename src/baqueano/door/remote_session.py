@@ -80,7 +80,7 @@ def attended(say: Callable[[str], object]) -> Iterator[None]:
         return
     over = threading.Event()
 
-    def gone(number: int, frame: FrameType | None) -> None:
+    def interrupt(number: int, frame: FrameType | None) -> None:
         for each in before:
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
@@ -90,7 +90,7 @@ def attended(say: Callable[[str], object]) -> Iterator[None]:
             say(_("the connection to the user is gone: this command ends"))
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGHUP)
 
-    before = {number: signal.signal(number, gone) for number in (signal.SIGHUP, signal.SIGTERM)}
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGHUP, signal.SIGTERM)}
     looking = threading.Thread(target=look, name="who asked", daemon=True)
     looking.start()
     try:

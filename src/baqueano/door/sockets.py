@@ -68,7 +68,7 @@ class Door:
         self._coming: deque[socket.socket] = deque()
         self._behind = False  # ticks wait to be made into rows
         self._busy, self._number = 0, 0  # lines that were answered in the last turn; in all
-        self._done = threading.Event()
+        self._end_event = threading.Event()
         self._listener = None if path is None else _listening(path)
         self._bell, self._ear = socket.socketpair()
         self._selector = selectors.DefaultSelector()
@@ -91,7 +91,7 @@ class Door:
 
     def close(self) -> None:
         """Lets everybody go."""
-        self._done.set()
+        self._end_event.set()
         self._ring()
         self._thread.join()
         for guest in list(self._guests):
@@ -108,7 +108,7 @@ class Door:
             self._bell.send(b".")
 
     def _work(self) -> None:
-        while not self._done.is_set():
+        while not self._end_event.is_set():
             ready = self._selector.select(self._patience())
             if self._tell_all():
                 self._send_all()
@@ -125,7 +125,7 @@ class Door:
             self._answer_all()
             self._show_all()
             self._send_all()
-            for guest in [one for one, until in self._until.items() if time.monotonic() > until]:
+            for guest in [guest for guest, until in self._until.items() if time.monotonic() > until]:
                 self._turn_away(guest)
         self._tell_all()
         self._send_all()
@@ -204,8 +204,8 @@ class Door:
         long one, and only while nothing drives."""
         try:
             self.operator.may_ask(guest)
-            others = any(one.coming > LONG for one in self._guests if one is not guest)
-            if others or guest.coming > LONGEST:
+            busy = any(peer.coming > LONG for peer in self._guests if peer is not guest)
+            if busy or guest.coming > LONGEST:
                 raise Invalid(fault("door.too-long", most_kb=LONG >> 10))
         except (BaqueanoError, Invalid) as error:
             self._refuse(guest, error.diagnostic, getattr(error, "exit_code", 2))
@@ -213,10 +213,10 @@ class Door:
 
     def _answer_all(self) -> None:
         """Answer lines in equal shares."""
-        for guest in [one for one in self._until if one.lines]:
+        for guest in [peer for peer in self._until if peer.lines]:
             self._turn_away(guest)
         self._busy, end_s = 0, time.monotonic() + TURN_S
-        busy = deque(sorted((one for one in self._guests if one.lines), key=lambda one: one.answered))
+        busy = deque(sorted((peer for peer in self._guests if peer.lines), key=lambda peer: peer.answered))
         while busy and self._busy < SHARE and (time.monotonic() < end_s or not self._busy):
             guest = busy.popleft()
             self._busy, guest.answered = self._busy + 1, self._number
@@ -270,9 +270,9 @@ class Door:
 
     def _ask(self, guest: Guest, request: "JsonObject") -> None:
         """A mission of another version would end with words that nobody there understands."""
-        if (theirs := request.get("door", 1)) != VERSION:
+        if (version := request.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
-            raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(theirs), ours=VERSION))
+            raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
         name, attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
         self.operator.ask(guest, mission, attended, name, HIDDEN_S if request.get("by") == "page" else None)
@@ -281,8 +281,8 @@ class Door:
         self.operator.change(guest, str(request["path"]), request["value"])
         guest.say({"is": "heard", "do": "set"})
 
-    def _stop(self, guest: Guest, why: Diagnostic) -> None:
-        self.operator.stop(why)
+    def _stop(self, guest: Guest, reason: Diagnostic) -> None:
+        self.operator.stop(reason)
         guest.say({"is": "heard", "do": "stop"})
         if guest in self._until:
             self._until[guest] = time.monotonic() + STOPPED_S
@@ -293,7 +293,7 @@ class Door:
         guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))
         drive, _ = self.frames.drive()
-        if drive is not None and not any(one.hz > 0.0 for one in self._guests if one is not guest):
+        if drive is not None and not any(peer.hz > 0.0 for peer in self._guests if peer is not guest):
             drive.skip()
         self._introduce(guest)
 
@@ -339,7 +339,7 @@ class Door:
 
     def _stays(self, guest: Guest) -> bool:
         """Return True while somebody is there, who is told more."""
-        return guest in self._guests and not self._done.is_set()
+        return guest in self._guests and not self._end_event.is_set()
 
     def _send_all(self) -> None:
         for guest in list(self._guests):
@@ -392,9 +392,9 @@ def _listening(path: Path) -> socket.socket:
     return listener
 
 
-def _reason(why: object) -> Diagnostic:
+def _reason(cause: object) -> Diagnostic:
     """Return why somebody stops the vehicle. Whatever it is, it is a stop."""
     try:
-        return Diagnostic.of_json(why)
+        return Diagnostic.of_json(cause)
     except (ValueError, RecursionError):
-        return stop(StopReason.STOPPED_BY, words=str(why or "stopped from outside")[:200])
+        return stop(StopReason.STOPPED_BY, words=str(cause or "stopped from outside")[:200])

@@ -52,9 +52,9 @@ class Closure(Result):
         rows: list[TableRow] = [
             {"name": f"sensors.{self.gyro}.gyro_scale", "value": self.scale, "sd": self.sd}
         ]
-        others = {path: value for path, value in self.values.items() if not path.endswith("gyro_scale")}
+        further = {path: value for path, value in self.values.items() if not path.endswith("gyro_scale")}
         return rows + [
-            {"name": path, "value": str(value), "sd": float("nan")} for path, value in others.items()
+            {"name": path, "value": str(value), "sd": float("nan")} for path, value in further.items()
         ]
 
     def table(self) -> str:
@@ -83,7 +83,7 @@ class Closure(Result):
         ]
         lines += [
             "       "
-            + _("type: {fix}, or write it into the vehicle file", fix=f"--set {path}={_written(value)}")
+            + _("type: {fix}, or write it into the vehicle file", fix=f"--set {path}={_text(value)}")
             for path, value in self.values.items()
         ]
         return "\n".join(lines)
@@ -113,14 +113,14 @@ def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closu
         2.0 * np.pi * cosine * abs(turns)
     )  # (2)
     path = f"sensors.{name}.gyro_scale"
-    values: dict[str, object] = {path: _rounded(scale), f"{path}_std": float(f"{sd / scale:.2g}")}
-    travelled = _travelled(run, file, marks[0], marks[-1]) if length_m else {}
-    for wheels, metres in travelled.items():
+    values: dict[str, object] = {path: _round(scale), f"{path}_std": float(f"{sd / scale:.2g}")}
+    distances = _distances(run, file, marks[0], marks[-1]) if length_m else {}
+    for wheels, metres in distances.items():
         path, before = _speed_scale(wheels, getattr(file.sensors, wheels))
         after = np.asarray(before) * metres / (length_m or metres)  # (4)
-        values[path] = _rounded(float(after)) if after.ndim == 0 else [_rounded(x) for x in after.tolist()]
-    turned = sum(raw) / sensor.gyro_scale
-    return Closure(name, turns, float(turned), float(scale), sd, values, travelled, length_m)
+        values[path] = _round(float(after)) if after.ndim == 0 else [_round(x) for x in after.tolist()]
+    turn_rad = sum(raw) / sensor.gyro_scale
+    return Closure(name, turns, float(turn_rad), float(scale), sd, values, distances, length_m)
 
 
 def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
@@ -132,8 +132,8 @@ def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
 def _whole(turned_rad: float, name: str) -> int:
     """k of a lap. AnswerNo for another."""
     turns = round(turned_rad / (2.0 * np.pi))
-    left_rad = abs(turned_rad - 2.0 * np.pi * turns)
-    if abs(turns) > MOST_TURNS or left_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
+    residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
+    if abs(turns) > MOST_TURNS or residual_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
         figures = {"turned_deg": np.degrees(turned_rad), "within_percent": 100 * WRONG, "most": MOST_TURNS}
         raise AnswerNo(fault("marks.no-whole-turn", subject=name, **figures))
     return turns
@@ -141,11 +141,11 @@ def _whole(turned_rad: float, name: str) -> int:
 
 def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
     """(zero of the gyro while the vehicle stood, its standard deviation) [rad/s]."""
-    driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
-    last = np.maximum.accumulate(np.where(driven, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
+    in_motion = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    last = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
     tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
-    still = ~driven[tick] & (seconds(channel.t_ns, last[tick]) >= REST_S) & np.isfinite(channel.z[:, -1])
-    z = channel.z[still, -1]
+    at_rest = ~in_motion[tick] & (seconds(channel.t_ns, last[tick]) >= REST_S) & np.isfinite(channel.z[:, -1])
+    z = channel.z[at_rest, -1]
     between_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
     if len(z) * between_s < LEAST_S:
         raise AnswerNo(fault("marks.stood-too-short", name=run.name, stood_s=len(z) * between_s))
@@ -166,17 +166,19 @@ def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: i
 
 def _gain(sensor: Sensor) -> float:
     """Return the gyro's reading per rad/s, by the vehicle file."""
-    one, none = (Motion(np.zeros(3), np.array([0.0, 0.0, w]), np.zeros(3), np.zeros(2)) for w in (1.0, 0.0))
-    return float(sensor.h(one)[-1] - sensor.h(none)[-1])
+    unit_turn, none = (
+        Motion(np.zeros(3), np.array([0.0, 0.0, w]), np.zeros(3), np.zeros(2)) for w in (1.0, 0.0)
+    )
+    return float(sensor.h(unit_turn)[-1] - sensor.h(none)[-1])
 
 
 def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
     """(path in the vehicle file, value) of the scale of a sensor of speed."""
-    what = "radius_scale" if has_field(sensor, "radius_scale") else "scale"
-    return f"sensors.{name}.{what}", getattr(sensor, what)
+    field = "radius_scale" if has_field(sensor, "radius_scale") else "scale"
+    return f"sensors.{name}.{field}", getattr(sensor, field)
 
 
-def _travelled(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
+def _distances(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
     """Metres by each sensor of speed, with its scale in the vehicle file."""
     distances = {}
     for name, sensor in file.sensors._asdict().items():
@@ -187,9 +189,9 @@ def _travelled(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[st
     return distances
 
 
-def _rounded(value: float) -> float:
+def _round(value: float) -> float:
     return float(f"{value:.5g}")
 
 
-def _written(value: object) -> str:
+def _text(value: object) -> str:
     return str(value).replace(" ", "")

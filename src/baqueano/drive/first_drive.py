@@ -194,7 +194,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     ways = directions(vehicle_file)
     pulses = pulses_of(run)
     at = np.array([_first_moved(pulses, way) for way in ways])
-    still = tuple(
+    standstill = tuple(
         _nothing_moved(_way_words(way, vehicle_file), max(_levels(pulses, way), default=0.0))
         for way, level in zip(ways, at, strict=True)
         if not np.isfinite(level)
@@ -203,7 +203,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     late = fits[1][1] < fits[0][1]
     along, about = fits[late][0]
     wiring = _wiring(pulses, ways) if two_wheels(vehicle_file) else ()
-    return FirstDrive(run, pulses, wiring, still, along, about, at, late)
+    return FirstDrive(run, pulses, wiring, standstill, along, about, at, late)
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
@@ -217,10 +217,10 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
         last = int(np.searchsorted(log.t_ns, run.t_ns[b] + round(AFTER_S * 1e9)))
         rows = slice(a, min(last, len(log.t_ns)))
         nu, var = log.nu[rows], np.maximum(np.diagonal(log.cov[rows], axis1=1, axis2=2), 1e-18)
-        turned = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
+        turns = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
         v_significance = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
-        significance = max(v_significance, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
-        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), v_significance, significance))
+        significance = max(v_significance, float(np.max(np.abs(turns) / np.sqrt(var[:, 2]))))
+        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turns), v_significance, significance))
     return tuple(out)
 
 
@@ -248,8 +248,8 @@ def between(level: np.ndarray) -> np.ndarray:
 def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
     """The file with the rough gains and dead zones in it, a start for a fit; AnswerNo where the wiring is wrong
     or nothing moved."""
-    if (why := joined([*first.wiring, *first.still])) is not None:
-        raise AnswerNo(why)
+    if (reason := joined([*first.wiring, *first.still])) is not None:
+        raise AnswerNo(reason)
     file = vehicle_file
     if not first.late:
         file = with_dead_zones(file, directions(file), first.moves_at)
@@ -278,7 +278,7 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
     for a, b in zip(begin, end, strict=True):
         rows = slice(a, b + round(AFTER_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
         simulated.append([_largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])])
-    significant, gains, left = np.array([p.significance > SIGNIFICANT for p in pulses], bool), [], 0.0
+    significant, gains, residual = np.array([p.significance > SIGNIFICANT for p in pulses], bool), [], 0.0
     for x, y in zip(
         np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
     ):
@@ -286,8 +286,8 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
         power = float(x[significant] @ x[significant])
         gain = float(x[significant] @ y[significant]) / power if power > 1e-12 else float("nan")
         gains.append(gain)
-        left += float(np.sum((y - _or_zero(gain) * x) ** 2) / max(np.sum(y**2), 1e-12))
-    return (gains[0], gains[1]), left
+        residual += float(np.sum((y - _or_zero(gain) * x) ** 2) / max(np.sum(y**2), 1e-12))
+    return (gains[0], gains[1]), residual
 
 
 def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ...]:
@@ -308,10 +308,10 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
     own = both > 0.0  # the wheel that was asked is the one that turned
     if own.any() and not own.all():
         return (fault("wiring.answers-as-one"),)
-    swapped = [] if own.all() else [fault("wiring.swapped")]
+    swap = [] if own.all() else [fault("wiring.swapped")]
     names, ahead = (("left", "right"), turn) if own.all() else (("right", "left"), -turn)
     backwards = [name for name, x in zip(names, ahead, strict=True) if x < 0.0]
-    return (*swapped, *(fault(f"wiring.backwards-{name}") for name in backwards))
+    return (*swap, *(fault(f"wiring.backwards-{name}") for name in backwards))
 
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
@@ -324,10 +324,10 @@ def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:
     return [float(p.u @ way / (way @ way)) for p in pulses if p.u @ way > 0.0 and _along(p.u, way)]
 
 
-def _nothing_moved(how: str, tried: float) -> Diagnostic:
-    if tried > 1.0 - 1e-6:
-        return fault("first-drive.nothing-moved", command=how)
-    return fault("first-drive.ended-early", command=how, tried_percent=100.0 * tried)
+def _nothing_moved(command: str, level: float) -> Diagnostic:
+    if level > 1.0 - 1e-6:
+        return fault("first-drive.nothing-moved", command=command)
+    return fault("first-drive.ended-early", command=command, tried_percent=100.0 * level)
 
 
 def _along(u: np.ndarray, way: np.ndarray) -> bool:

@@ -65,24 +65,24 @@ class Careful:
         t_ns, none = estimate.t_ns, np.zeros(self.directions.shape[1])
         if state.begun_ns < 0:
             state = state._replace(begun_ns=t_ns, since_ns=t_ns)
-        state = self._watched(state, estimate)
+        state = self._observe(state, estimate)
         span = seconds(t_ns, state.since_ns)
         if state.now >= 0 and (span >= PULSE_S or state.cut):
             state = state._replace(now=-1, last=state.now, since_ns=t_ns)
         elif state.now < 0 and span >= (FIRST_S if state.last < 0 else PAUSE_S):
-            state = self._next(self._judged(state, estimate), estimate)
+            state = self._next(self._evaluate(state, estimate), estimate)
         over = bool(state.done.all()) or seconds(t_ns, state.begun_ns) >= self.longest_s
         far = np.hypot(*estimate.eta[:2]) > self.far_m + np.sqrt(estimate.cov[0, 0])
         over = bool(over or far) and state.now < 0
         u = none if state.now < 0 or over else state.level[state.now] * self.directions[state.now]
         return state, u, over
 
-    def _watched(self, state: Pulses, estimate: Estimate) -> Pulses:
+    def _observe(self, state: Pulses, estimate: Estimate) -> Pulses:
         """Return the motion that the pulse caused, and if it is enough."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
-        turned = abs(estimate.eta[2] - state.at[2])
-        significance = max(v / max(sd_v, 1e-9), turned / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
+        turn = abs(estimate.eta[2] - state.at[2])
+        significance = max(v / max(sd_v, 1e-9), turn / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
         cut = v > max(self.speed_m_s, SIGNIFICANT * sd_v) or omega > self.turn_rad_s + SIGNIFICANT * sd_omega
         if state.now < 0 and state.last < 0:
             return state
@@ -90,34 +90,34 @@ class Careful:
             significance=max(state.significance, float(significance)), cut=state.cut or bool(cut)
         )
 
-    def _judged(self, state: Pulses, estimate: Estimate) -> Pulses:
+    def _evaluate(self, state: Pulses, estimate: Estimate) -> Pulses:
         """The last pulse, taken into account."""
         k = state.last
         if k < 0:
             return state
-        level, moved, gone, done = (x.copy() for x in (state.level, state.moved, state.gone, state.done))
+        level, count, shifts, done = (x.copy() for x in (state.level, state.moved, state.gone, state.done))
         shift = estimate.eta[:2] - state.at[:2]
         c, s = np.cos(state.at[2]), np.sin(state.at[2])
         if state.significance > SIGNIFICANT:
-            moved[k] += 1.0
-            gone[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
-        done[k] |= state.cut or moved[k] >= ENOUGH or level[k] >= 1.0
+            count[k] += 1.0
+            shifts[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
+        done[k] |= state.cut or count[k] >= ENOUGH or level[k] >= 1.0
         if not done[k]:
             level[k] = min(1.0, level[k] + max(STEP, GROWTH * level[k]))
-        return state._replace(level=level, moved=moved, gone=gone, done=done)
+        return state._replace(level=level, moved=count, gone=shifts, done=done)
 
     def _next(self, state: Pulses, estimate: Estimate) -> Pulses:
         """The next pulse begins, if there is one."""
         psi = estimate.eta[2]
-        here = np.array([np.cos(psi) * estimate.eta[0] + np.sin(psi) * estimate.eta[1],
+        position = np.array([np.cos(psi) * estimate.eta[0] + np.sin(psi) * estimate.eta[1],
                          np.cos(psi) * estimate.eta[1] - np.sin(psi) * estimate.eta[0]])  # fmt: skip
         if state.done.all():
             return state
         order = np.where(state.done, np.inf, state.level)
-        closer = np.hypot(*here) - np.hypot(*(here + state.gone).T)
-        if np.hypot(*here) > BACK_M and np.max(closer) > 0.2 * np.hypot(*here):
+        closer = np.hypot(*position) - np.hypot(*(position + state.gone).T)
+        if np.hypot(*position) > BACK_M and np.max(closer) > 0.2 * np.hypot(*position):
             order = -closer
-        elif np.hypot(*here) > BACK_M and not state.done[closer >= 0.0].all():
+        elif np.hypot(*position) > BACK_M and not state.done[closer >= 0.0].all():
             order = np.where(closer < 0.0, np.inf, order)
         k = int(np.argmin(order))
         at = estimate.eta.copy()

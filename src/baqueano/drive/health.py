@@ -32,7 +32,7 @@ Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 def shown(degraded: tuple[Finding, ...]) -> Diagnostic | None:
     """Return the degraded sensors of a tick as one message; None of none."""
-    return joined(one.diagnostic for one in degraded)
+    return joined(finding.diagnostic for finding in degraded)
 
 
 class Health:
@@ -53,14 +53,17 @@ class Health:
     def lines(self, tick: Tick, estimate: Estimate) -> list[Line]:
         """Return the events of a tick."""
         self.count(tick)
-        noticed: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
+        notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
             self._sensors is not None and self._sensors.suspect
         ):  # a fit to readings of a broken sensor helps nobody
             self._forget()
         misfit = self.check(tick.t_ns, estimate)
         model = [] if misfit is None else [(SOURCE, "warning", misfit)]
-        return [*model, *((SENSORS_SOURCE, str(one.message.severity), one.message) for one in noticed)]
+        return [
+            *model,
+            *((SENSORS_SOURCE, str(notice.message.severity), notice.message) for notice in notices),
+        ]
 
     def _forget(self) -> None:
         self._window.clear()
@@ -108,12 +111,12 @@ class Health:
 def normalised_square(y: list[float], S: list[list[float]]) -> float | None:
     """Return yᵀ S⁻¹ y / m of the m innovations that arrived; None of none. `y`, `S` are used up. Of three numbers NumPy
     takes five times as long."""
-    there, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
-    for at, k in enumerate(there, 1):
+    finite, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
+    for at, k in enumerate(finite, 1):
         total += y[k] * y[k] / S[k][k]
-        for i in there[at:]:
+        for i in finite[at:]:
             part = S[i][k] / S[k][k]
             y[i] -= part * y[k]
-            for j in there[at:]:
+            for j in finite[at:]:
                 S[i][j] -= part * S[k][j]
-    return total / len(there) if there else None
+    return total / len(finite) if finite else None

@@ -65,11 +65,11 @@ class Mission:
 
     def json(self) -> str:
         """Return a line of JSON."""
-        route = None if self.route is None else {k: _listed(v) for k, v in self.route._asdict().items()}
+        route = None if self.route is None else {k: _lists(v) for k, v in self.route._asdict().items()}
         unusual = {"start": list(self.start), "precautions": self.precautions}
         return json.dumps(
             {
-                "format": FORMAT, "kind": self.kind, "vehicle": self.vehicle, "u": _listed(self.u), "route": route,
+                "format": FORMAT, "kind": self.kind, "vehicle": self.vehicle, "u": _lists(self.u), "route": route,
                 "laps": self.laps, "hold": self.hold, "blocks": self.blocks, "texts": self.texts,
                 **{name: value for name, value in unusual.items() if value},
             },
@@ -108,7 +108,7 @@ def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
     texts: dict[str, str] = {}
     home = Path() if vehicle_file.path is None else vehicle_file.path.parent
 
-    def taken(kind: str) -> str:
+    def pack(kind: str) -> str:
         file, colon, name = kind.partition(".py:")
         if not colon:
             return kind
@@ -118,9 +118,9 @@ def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
             raise FileError(fault("mission.two-files", name=path.name))
         return f"{path.name}:{name}"
 
-    blocks, vehicle = {room: taken(kind) for room, kind in mission.blocks.items()}, vehicle_file.text
+    blocks, vehicle = {room: pack(kind) for room, kind in mission.blocks.items()}, vehicle_file.text
     for kind in _kinds(vehicle_file.data):
-        vehicle = vehicle.replace(f'"{kind}"', f'"{taken(kind)}"')
+        vehicle = vehicle.replace(f'"{kind}"', f'"{pack(kind)}"')
     return replace(mission, vehicle=vehicle, blocks=blocks, texts=texts)
 
 
@@ -149,9 +149,9 @@ def perform(
             return lesson(vehicle_file, driver, mission.hold, mission.kind, **options)
     assert mission.route is not None
     care = Precautions.of_json(mission.precautions)
-    given = {field.name: getattr(care, field.name) for field in fields(care)}
-    given |= {"eta": np.array(mission.start)} if mission.start else {}
-    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(given | options))
+    arguments = {field.name: getattr(care, field.name) for field in fields(care)}
+    arguments |= {"eta": np.array(mission.start)} if mission.start else {}
+    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(arguments | options))
 
 
 def unpacked(mission: Mission, folder: Path) -> VehicleFile:
@@ -184,7 +184,7 @@ def _finite(number: str) -> float:
 
 def _check(name: str, value: object) -> None:
     """ValueError where a field of a mission is of another type."""
-    of_texts = isinstance(value, dict) and all(isinstance(one, str) for one in value.values())
+    of_texts = isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
     right = {
         "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_LAPS,
         "hold": isinstance(value, bool), "blocks": of_texts, "texts": of_texts,
@@ -199,5 +199,5 @@ def _route(document: JsonObject) -> Route:
     return Route(t_s, eta, nu, bool(document["closed"]))
 
 
-def _listed(x: object) -> object:
+def _lists(x: object) -> object:
     return x.tolist() if isinstance(x, np.ndarray) else x

@@ -92,13 +92,13 @@ class Watchdog:
         self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[WatchdogState, Command]:
         """The command (n,) that may reach the motors."""
-        inner, allowed = self.supervisor.step(state.supervisor, command, tick, estimate)
+        inner, safe_command = self.supervisor.step(state.supervisor, command, tick, estimate)
         # the cause before what follows from it
-        why = state.why or self._reason(tick.t_ns) or stop_reason(inner)
-        if why is not None:
-            allowed = allowed._replace(u=np.zeros(len(tick.u)))
-        return WatchdogState(inner, why), allowed
+        reason = state.why or self._reason(tick.t_ns) or stop_reason(inner)
+        if reason is not None:
+            safe_command = safe_command._replace(u=np.zeros(len(tick.u)))
+        return WatchdogState(inner, reason), safe_command
 
     def _reason(self, t_ns: int) -> Diagnostic | None:
-        reasons = [one.why(t_ns) for one in self.observers]
-        return next((why for why in reasons if why is not None), None)
+        reasons = [observer.why(t_ns) for observer in self.observers]
+        return next((reason for reason in reasons if reason is not None), None)

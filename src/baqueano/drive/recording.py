@@ -39,9 +39,9 @@ class Recording:
 
     def begin(self, notes: Iterable[Diagnostic | str]) -> None:
         """Write the data that are known before the first tick."""
-        for one in notes:
-            grave = isinstance(one, Diagnostic) and one.severity == Severity.WARNING
-            self.sink.event(self.begun_ns, "warning" if grave else "info", "drive", one)
+        for message in notes:
+            grave = isinstance(message, Diagnostic) and message.severity == Severity.WARNING
+            self.sink.event(self.begun_ns, "warning" if grave else "info", "drive", message)
 
     def tick(self, record: Record) -> None:
         """Write a record of the loop."""
@@ -51,16 +51,16 @@ class Recording:
             sink.truth(truth_ns, motion)
         for name, channel_ns, z in self.world.new_channels():
             sink.channel(name, channel_ns, z)
-        for event_ns, one in self.world.new_events():
-            ours = isinstance(one, Diagnostic) and one.subject == SHAKE_SOURCE
-            self._event(event_ns, "warning", SHAKE_SOURCE if ours else HARDWARE_SOURCE, one)
-        for source, level, one in self.health.lines(record.tick, record.estimate):
-            self._event(t_ns, level, source, one)
+        for event_ns, cause in self.world.new_events():
+            is_fault = isinstance(cause, Diagnostic) and cause.subject == SHAKE_SOURCE
+            self._event(event_ns, "warning", SHAKE_SOURCE if is_fault else HARDWARE_SOURCE, cause)
+        for source, level, cause in self.health.lines(record.tick, record.estimate):
+            self._event(t_ns, level, source, cause)
         for room in tuple(self.diagnostics):
             self._ask(room, record)
-        for _ in range(sum(one.marked() for one in self.observers)):
+        for _ in range(sum(observer.marked() for observer in self.observers)):
             self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
-        for source, level, message in [line for one in self.observers for line in one.events()]:
+        for source, level, message in [line for observer in self.observers for line in observer.events()]:
             self._event(t_ns, level, source, message)
         self._show(record)
         self.ticks, self.last_ns = self.ticks + 1, t_ns
@@ -71,7 +71,7 @@ class Recording:
 
     def end(self, why: Diagnostic | None) -> None:
         """The last events; `why` the vehicle was stopped, None if nothing stopped it."""
-        lines = [line for one in self.observers for line in one.ended(why)]
+        lines = [line for observer in self.observers for line in observer.ended(why)]
         for source, level, message in (*self.health.last_lines(), *lines):
             self.sink.event(self.last_ns, level, source, message)
 
@@ -81,30 +81,30 @@ class Recording:
         if state is None:  # it was replaced after a fault
             return
         try:
-            one = self.diagnostics[room](state)
+            message = self.diagnostics[room](state)
         except Exception as error:
             del self.diagnostics[room]
-            one = note("drive.says-failed", Severity.WARNING, room=room, error=named(error))
-        if one is not None:
-            self._event(t_ns, "warning" if one.severity == Severity.WARNING else "info", room, one)
+            message = note("drive.says-failed", Severity.WARNING, room=room, error=named(error))
+        if message is not None:
+            self._event(t_ns, "warning" if message.severity == Severity.WARNING else "info", room, message)
 
-    def _event(self, t_ns: int, level: str, source: str, what: Diagnostic | str) -> None:
-        self.sink.event(t_ns, level, source, what)
-        for one in self.observers:
-            one.happened(t_ns, source, what)
+    def _event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
+        self.sink.event(t_ns, level, source, message)
+        for observer in self.observers:
+            observer.happened(t_ns, source, message)
 
     def _show(self, record: Record) -> None:
-        failure, shown = self.sink.failure, record._replace(degraded=self.health.degraded)
+        failure, shown_record = self.sink.failure, record._replace(degraded=self.health.degraded)
         full = self.logged and failure is not None
         if full and failure is not None:
             self.logged = False
             disk = note("drive.disk-full", Severity.ERROR, error=failure.strerror or str(failure))
-            for one in self.observers:
-                one.unlogged(disk)
-        for one in self.observers:
-            one.look(shown)
+            for observer in self.observers:
+                observer.unlogged(disk)
+        for observer in self.observers:
+            observer.look(shown_record)
             if self.ticks % PROGRESS_EVERY == 0:
-                one.progress(seconds(record.tick.t_ns, self.begun_ns))
+                observer.progress(seconds(record.tick.t_ns, self.begun_ns))
 
 
 def messages_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
@@ -132,4 +132,4 @@ def _of_part(diagnose: Callable[[Tree], Diagnostic | None], name: str, state: Tr
 
 
 def _first(sayings: Sequence[Callable[[Tree], Diagnostic | None]], state: Tree) -> Diagnostic | None:
-    return next((one for diagnose in sayings if (one := diagnose(state)) is not None), None)
+    return next((diagnostic for diagnose in sayings if (diagnostic := diagnose(state)) is not None), None)

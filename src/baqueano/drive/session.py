@@ -60,16 +60,16 @@ class Conditions:
 
     def world_of(self, vehicle_file: VehicleFile) -> World:
         """Return the world; UsageError where file and world take another number of commands."""
-        world = self.world or self._simulated(vehicle_file)
+        world = self.world or self._simulated_world(vehicle_file)
         if self.world is not None and self.shake is not None:
             raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
         _same_commands(vehicle_file, world)
         return world
 
-    def _simulated(self, vehicle_file: VehicleFile) -> World:
+    def _simulated_world(self, vehicle_file: VehicleFile) -> World:
         real = vehicle_file.truth if self.truth is None else self.truth
-        how = real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
-        return SimulatedWorld(*how) if self.shake is None else ShakenWorld(*how, self.shake)
+        arguments = real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
+        return SimulatedWorld(*arguments) if self.shake is None else ShakenWorld(*arguments, self.shake)
 
     def clock_of(self, vehicle_file: VehicleFile) -> Iterable[int]:
         """Return the times of the ticks [ns]."""
@@ -90,21 +90,23 @@ def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, s
     rooms = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
     own = {room: part for room in rooms for part in optional.nested(rooms[room]) if not is_ours(type(part))}
     texts = {room: source_text(type(block)) for room, block in own.items()}
-    unknown = [
+    text_notes = [
         note("drive.text-unknown", room=room, block=type(own[room]).__name__)
         for room in own
         if not texts[room]
     ]
     names = {room: numbers_of(block) for room, block in own.items()}
-    return names | {f"{room}.text": text for room, text in texts.items() if text}, unknown
+    return names | {f"{room}.text": text for room, text in texts.items() if text}, text_notes
 
 
 def numbers_of(block: object) -> str:
     """Return "MyController(k_x=3.0)": the class of a block, and those of its parameters that are numbers."""
     names = [f.name for f in fields(block)] if is_dataclass(block) else []
     values = {name: getattr(block, name) for name in names}
-    shown = ", ".join(f"{name}={value!r}" for name, value in values.items() if isinstance(value, int | float))
-    return f"{type(block).__name__}({shown})"
+    numbers = ", ".join(
+        f"{name}={value!r}" for name, value in values.items() if isinstance(value, int | float)
+    )
+    return f"{type(block).__name__}({numbers})"
 
 
 def drive(
@@ -160,30 +162,30 @@ def drive(
     >>> run.duration_s
     0.5
     """
-    given = Conditions(**conditions)
-    world = given.world_of(vehicle_file)
-    own, unknown = texts_of_own(blocks, vehicle_file)
-    blocks, sensors, notes = _prepared(blocks, vehicle_file, given, live)
-    for one in observers:
-        blocks = one.begin(blocks)
+    settings = Conditions(**conditions)
+    world = settings.world_of(vehicle_file)
+    own, text_notes = texts_of_own(blocks, vehicle_file)
+    blocks, sensors, notes = _prepare(blocks, vehicle_file, settings, live)
+    for observer in observers:
+        blocks = observer.begin(blocks)
     blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, observers)) if observers else blocks
-    metadata = given.metadata(kind, blocks) | own
+    metadata = settings.metadata(kind, blocks) | own
     health = Health(vehicle_file.envelope, sensors)
-    ticking = given.clock_of(vehicle_file)
+    ticking = settings.clock_of(vehicle_file)
 
-    def driven(sink: RunSink) -> None:
+    def perform(sink: RunSink) -> None:
         recording = Recording(sink, world, health, observers, _first_ns(ticking), messages_of_blocks(blocks))
-        start, elsewhere = initial_pose_for(blocks.estimator, given.start)
-        recording.begin([*world.notes, *unknown, *notes, *([] if elsewhere is None else [elsewhere])])
+        start, elsewhere = initial_pose_for(blocks.estimator, settings.start)
+        recording.begin([*world.notes, *text_notes, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)
 
     if path is None:
         memory = RunInMemory(vehicle_file.text, metadata)
-        driven(memory)
+        perform(memory)
         return memory.run(kind.replace(" ", "-"))
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
-            driven(writer)
+            perform(writer)
     except SafetyStop:  # before the first tick
         Path(path).unlink()
         raise
@@ -193,23 +195,23 @@ def drive(
     return read_run(path)
 
 
-def _prepared(
-    blocks: Blocks, vehicle_file: VehicleFile, given: Conditions, live: bool
+def _prepare(
+    blocks: Blocks, vehicle_file: VehicleFile, settings: Conditions, live: bool
 ) -> tuple[Blocks, Watching | None, list[Diagnostic]]:
     """Return the blocks that drive, the monitor of the sensors, and what is to be said of both."""
-    inputs = blocks, example_tick(vehicle_file), given.backend
-    sensors, unwatched = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
+    inputs = blocks, example_tick(vehicle_file), settings.backend
+    sensors, sensor_notes = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, ready, *inputs) if live else ready(*inputs)
     if live:
         blocks = Blocks._make(BudgetedBlock(b) if _may_hang(b) else b for b in blocks)
     if sensors is not None:
-        sensors.begin(*(given.start[k : k + 3] for k in range(0, len(given.start), 3)))
-    unknown = (
+        sensors.begin(*(settings.start[k : k + 3] for k in range(0, len(settings.start), 3)))
+    noise_notes = (
         [note("drive.usual-noise", Severity.WARNING, sensors=names)]
         if (names := vehicle_file.noiseless)
         else []
     )
-    return blocks, sensors, [*notes, *unwatched, *unknown]
+    return blocks, sensors, [*notes, *sensor_notes, *noise_notes]
 
 
 def stop_of(run: Run) -> Diagnostic | None:
@@ -240,8 +242,10 @@ def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagno
     reference = Reference(0, np.zeros(3), np.zeros(3), 0.0)
     command = Command(0, np.zeros(len(tick.u)))
     inputs = (tick,), (estimate,), (reference, estimate), (command, tick, estimate)
-    tried = [fast(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)]
-    return Blocks._make(block for block, _ in tried), [why for _, why in tried if why is not None]
+    results = [fast(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)]
+    return Blocks._make(block for block, _ in results), [
+        reason for _, reason in results if reason is not None
+    ]
 
 
 def watched(vehicle_file: VehicleFile, estimator: Estimator) -> tuple[Watching | None, list[Diagnostic]]:
@@ -289,9 +293,9 @@ def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarra
     takes none; and a diagnostic if that matters."""
     if takes := len(inspect.signature(estimator.init).parameters):
         return start if takes > 1 else start[:3], None
-    who = type(estimator.block if isinstance(estimator, CompiledBlock) else estimator).__name__
-    where = str(np.round(start, 3).tolist())
-    return None, note("drive.own-origin", block=who, start=where) if np.any(start != 0.0) else None
+    block_name = type(estimator.block if isinstance(estimator, CompiledBlock) else estimator).__name__
+    position = str(np.round(start, 3).tolist())
+    return None, note("drive.own-origin", block=block_name, start=position) if np.any(start != 0.0) else None
 
 
 def example_tick(vehicle_file: VehicleFile) -> Tick:
@@ -321,6 +325,8 @@ def _first_ns(ticking: Iterable[int]) -> int:
 
 
 def _same_commands(vehicle_file: VehicleFile, world: World) -> None:
-    mine, theirs = vehicle_file.vehicle.commands, world.commands
-    if mine != theirs:
-        raise UsageError(fault("drive.other-vehicle", file=vehicle_file.name, found=mine, expected=theirs))
+    own_commands, world_commands = vehicle_file.vehicle.commands, world.commands
+    if own_commands != world_commands:
+        raise UsageError(
+            fault("drive.other-vehicle", file=vehicle_file.name, found=own_commands, expected=world_commands)
+        )

@@ -23,19 +23,19 @@ def smoothed(
     """Return the run with the estimates of `estimator` smoothed over its ticks, from the pose `start` (3,), or pose and
     velocity (6,). UsageError for an estimator other than a Kalman filter, or one that cannot be compiled."""
     sizes = {name: sensor.size for name, sensor in vehicle_file.sensors._asdict().items()}
-    given, _ = initial_pose_for(estimator, start)
+    initial, _ = initial_pose_for(estimator, start)
     belief = estimator.init(
-        *(() if given is None else (given,) if len(given) == 3 else (given[:3], given[3:]))
+        *(() if initial is None else (initial,) if len(initial) == 3 else (initial[:3], initial[3:]))
     )
     quiet = Tick(int(run.t_ns[0]), run.applied[0], silent(sizes))
-    who = type(estimator).__name__
+    block_name = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, quiet):
-        raise UsageError(fault("smooth.not-kalman", who=who))
+        raise UsageError(fault("smooth.not-kalman", who=block_name))
     rows, at = split(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
         mean, cov = smooth(estimator, belief, rows, backend)
     except TraceError as error:
-        raise UsageError(fault("smooth.not-compiled", who=who, cause=error.diagnostic)) from error
+        raise UsageError(fault("smooth.not-compiled", who=block_name, cause=error.diagnostic)) from error
     log = EstimateLog(run.t_ns, mean[at, :3], mean[at, 3:6], cov[at, :6, :6])
     return replace(run, estimate=log, metadata=run.metadata | {"smoothed": "Rauch-Tung-Striebel"})
 
@@ -50,5 +50,5 @@ def _ticks(run: Run, sizes: dict[str, int]) -> Tick:
             every = [getattr(tick.sensors, name) for tick in ticks]
             columns = (np.array([slot[i] for slot in every], dtype=float) for i in range(3))
         slots[name] = Slot(*columns)
-    stacked: Any = (run.t_ns, run.applied, sensor_slots(tuple(sizes))(**slots))
-    return Tick(*stacked)
+    fields: Any = (run.t_ns, run.applied, sensor_slots(tuple(sizes))(**slots))
+    return Tick(*fields)

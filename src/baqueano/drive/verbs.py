@@ -232,8 +232,8 @@ def repeat(
     options = {"eta": route.eta[0], "backend": "auto"} | options
     if care.check:
         measured = not vehicle_file.guessed or (vehicle_file.path is None and options.get("world") is None)
-        how = {"measured": measured, "anyway": care.anyway, "backend": options["backend"]}
-        warnings_of(route, vehicle_file, care.room, **how)
+        conditions = {"measured": measured, "anyway": care.anyway, "backend": options["backend"]}
+        warnings_of(route, vehicle_file, care.room, **conditions)
     blocks = Blocks(
         vehicle_file.estimator(estimator),
         with_laps(vehicle_file.guide(route, guide), laps),
@@ -294,8 +294,8 @@ def replay(
     world = ReplayedWorld(run, file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     with allowed(allow_blocks):
-        chosen = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
-    return drive(chosen, file, "replay", world=world, ticking=world.times, **options)
+        replay_blocks = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
+    return drive(replay_blocks, file, "replay", world=world, ticking=world.times, **options)
 
 
 def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
@@ -370,10 +370,10 @@ def route_of(run: Run, closed: bool = False) -> Route:
     eta = log.eta[first : last + 1][keep].copy()
     eta[:, 2] = np.unwrap(eta[:, 2])
     route = Route(t_s[keep], eta, log.nu[first : last + 1][keep], False)
-    return _closed(route, run.name) if closed else route
+    return _close(route, run.name) if closed else route
 
 
-def _closed(route: Route, name: str) -> Route:
+def _close(route: Route, name: str) -> Route:
     gap_m, gap_rad = end_gap(route)
     if gap_m > CLOSE_M or gap_rad > CLOSE_RAD:
         gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)

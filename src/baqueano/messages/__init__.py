@@ -73,7 +73,7 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
     """
     if message is None or isinstance(message, str):
         return message or ""
-    figures = _rendered(message, argument)
+    figures = _figure_texts(message, argument)
     run = figures.pop("of_run", "")
     before = f"{run}: " if run else ""
     template = templates().get(str(message.code))
@@ -87,8 +87,8 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
             return before + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
-    listed = ", ".join(f"{name} = {value}" for name, value in figures.items())
-    return f"{before}{message.code}{f' ({listed})' if listed else ''}{f'. Type: {message.fix}' if message.fix else ''}"
+    detail = ", ".join(f"{name} = {value}" for name, value in figures.items())
+    return f"{before}{message.code}{f' ({detail})' if detail else ''}{f'. Type: {message.fix}' if message.fix else ''}"
 
 
 def in_english(message: "Diagnostic | str | None") -> str:
@@ -99,7 +99,7 @@ def in_english(message: "Diagnostic | str | None") -> str:
 
 def texts(messages: "Iterable[Diagnostic | str]") -> list[str]:
     """Return the sentence of each."""
-    return [text(one) for one in messages]
+    return [text(message) for message in messages]
 
 
 def ended(sentence: str) -> str:
@@ -130,9 +130,9 @@ def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherw
 def grouped(messages: Sequence[Diagnostic]) -> list[str]:
     """Return a sentence for each kind of message: those that differ in subject, run and numbers alone are one."""
     alike: dict[Any, list[Diagnostic]] = {}
-    for one in messages:
-        alike.setdefault((one.severity, _kind(one)), []).append(one)
-    return [text(_as_one(same)) for same in alike.values()]
+    for message in messages:
+        alike.setdefault((message.severity, _kind(message)), []).append(message)
+    return [text(_merge(same)) for same in alike.values()]
 
 
 def _kind(message: Diagnostic) -> tuple[Any, ...]:
@@ -141,12 +141,12 @@ def _kind(message: Diagnostic) -> tuple[Any, ...]:
     return message.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
 
 
-def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
-    first, others = same[0], [*dict.fromkeys(one.subject for one in same)][1:]
-    if others:
-        rest = ", …" if len(others) > NAMED else ""
-        named = ", ".join(others[:NAMED]).replace("model.", "") + rest
-        return Diagnostic("messages.others", first.severity, figures={"first": first, "others": named})
+def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
+    first, subjects = same[0], [*dict.fromkeys(message.subject for message in same)][1:]
+    if subjects:
+        rest = ", …" if len(subjects) > NAMED else ""
+        names = ", ".join(subjects[:NAMED]).replace("model.", "") + rest
+        return Diagnostic("messages.others", first.severity, figures={"first": first, "others": names})
     return (
         first
         if len(same) == 1
@@ -154,7 +154,7 @@ def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
     )
 
 
-def _rendered(message: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
+def _figure_texts(message: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
     """Return the figures as the language writes them, a cause among them as its sentence."""
     return {
         name: text(value, argument).rstrip(".")

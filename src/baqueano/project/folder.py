@@ -100,9 +100,9 @@ def others_than(file: VehicleFile) -> VehicleFile:
     values: dict[str, object] = {}
     for key, p in all_parameters(truth.vehicle, "model"):
         if p.role in FOUND_BY_A_FIT:
-            guessed = np.asarray(truth.value(key), float)
-            drawn = (guessed * np.exp(OFF * draw.standard_normal(guessed.shape))).round(6)
-            values[key] = np.clip(drawn, p.low, p.high).tolist()
+            guess = np.asarray(truth.value(key), float)
+            value = (guess * np.exp(OFF * draw.standard_normal(guess.shape))).round(6)
+            values[key] = np.clip(value, p.low, p.high).tolist()
     return truth.with_values(values)
 
 

@@ -80,8 +80,8 @@ def notebook(name: str) -> str:
     numbers = count(1)
     cells = []
     for text in CELLS:
-        filled = _(text).replace("{name}", name)
-        cell = {"id": f"cell-{next(numbers)}", "metadata": {}, "source": filled.splitlines(keepends=True)}
+        source = _(text).replace("{name}", name)
+        cell = {"id": f"cell-{next(numbers)}", "metadata": {}, "source": source.splitlines(keepends=True)}
         if text.startswith("#"):
             cells.append({"cell_type": "markdown"} | cell)
         else:

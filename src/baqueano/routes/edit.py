@@ -82,8 +82,8 @@ def join(first: Route, second: Route) -> Route:
                 second_m_s=float(second.nu[0, 0]),
             )
         )
-    laid = moved(second._replace(eta=from_start(second.eta)), first.eta[-1])
-    eta = np.concatenate([first.eta, laid.eta[1:]])
+    shifted_route = moved(second._replace(eta=from_start(second.eta)), first.eta[-1])
+    eta = np.concatenate([first.eta, shifted_route.eta[1:]])
     t_s = np.concatenate([first.t_s, first.t_s[-1] + second.t_s[1:]])
     nu = np.concatenate([first.nu, second.nu[1:]])
     route = Route(t_s, eta, nu, False)

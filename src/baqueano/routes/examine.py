@@ -91,7 +91,7 @@ class RouteReport(Result):
     @property
     def verdict(self) -> Verdict:
         """USABLE, or REFUSED where a finding speaks against driving."""
-        wrong = any(one.severity == Severity.ERROR for one in self.findings)
+        wrong = any(finding.severity == Severity.ERROR for finding in self.findings)
         return Verdict.REFUSED if wrong else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
@@ -219,5 +219,5 @@ def _smooth(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
 def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     """Return the least share within BRIEF_S of each time: what lasts that long."""
     n = max(1, round(BRIEF_S / max(t_s[1] - t_s[0], 1e-9)))
-    padded = np.pad(share, (0, n - 1), mode="edge")
-    return np.min(np.lib.stride_tricks.sliding_window_view(padded, n), axis=1)
+    padded_share = np.pad(share, (0, n - 1), mode="edge")
+    return np.min(np.lib.stride_tricks.sliding_window_view(padded_share, n), axis=1)

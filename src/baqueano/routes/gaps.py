@@ -43,9 +43,9 @@ def unknown_places(route: Route, s: np.ndarray) -> list[Diagnostic]:
     return [_place("route.gap", route, s, gaps)] if gaps.any() else []
 
 
-def _place(code: str, route: Route, s: np.ndarray, where: np.ndarray) -> Diagnostic:
+def _place(code: str, route: Route, s: np.ndarray, mask: np.ndarray) -> Diagnostic:
     """Return a finding at the first of the places."""
-    k = int(np.argmax(where))
-    figures = {"count": int(where.sum()), "at_m": float(s[k]), "at_s": float(route.t_s[k])}
+    k = int(np.argmax(mask))
+    figures = {"count": int(mask.sum()), "at_m": float(s[k]), "at_s": float(route.t_s[k])}
     figures |= {"gap_m": float(s[k + 1] - s[k]), "gap_s": float(route.t_s[k + 1] - route.t_s[k])}
     return fault(code, typed("route", "cut", NAME, "--to", f"{s[k]:.2f}"), **figures)

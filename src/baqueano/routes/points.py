@@ -55,7 +55,7 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
         if wrong.any():
             k = int(np.argmax(wrong))
             raise UsageError(fault(code, first=k + 1, second=k + 2, distance_m=float(legs[k])))
-    fine = np.concatenate(list(_rounded(corners, legs, closed, corner_m)))
+    fine = np.concatenate(list(_round_corners(corners, legs, closed, corner_m)))
     s = way(fine)
     keep = np.append(True, np.diff(s) > 1e-9)
     grid = np.linspace(0.0, s[-1], max(4, round(s[-1] / GRID_M) + 1))
@@ -72,7 +72,9 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     return route_along(path, np.full(len(grid), float(speed_m_s)), 1.0, closed)
 
 
-def _rounded(corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float) -> Iterator[np.ndarray]:
+def _round_corners(
+    corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float
+) -> Iterator[np.ndarray]:
     """Yield the pieces of the line: the ends of the legs, and parabolas between them."""
     t = np.linspace(0.0, 1.0, 41)[:, None]
     inner = range(1, len(corners) - (0 if closed else 1))

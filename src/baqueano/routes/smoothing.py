@@ -105,7 +105,7 @@ def _cut(waves: Spectrum, tolerance_m: float, kind: str) -> float:
     return high
 
 
-def _smoothed(waves: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
+def _low_pass(waves: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
     """Return the path without waves above a cut, or its derivative of an order, over the points.  (2)"""
     gain = (1j * waves.omega) ** order / (1.0 + (waves.omega / cut_rad_m) ** 6)
     p = np.fft.ifft(gain * waves.hat)
@@ -114,15 +114,15 @@ def _smoothed(waves: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
 
 def _off(waves: Spectrum, cut_rad_m: float, kind: str) -> float:
     """Return how far the smooth path lies from the points, rms or at most [m]."""
-    taught = np.append(waves.p, waves.p[0])[: waves.points]
-    off = np.abs(_smoothed(waves, cut_rad_m) - taught)
+    taught_points = np.append(waves.p, waves.p[0])[: waves.points]
+    off = np.abs(_low_pass(waves, cut_rad_m) - taught_points)
     return float(np.max(off) if kind == "max" else np.sqrt(np.mean(off**2)))
 
 
 def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> RoutePath:
     """Return the smooth path, a point each GRID_M.  (3)"""
-    p = _smoothed(waves, cut_rad_m) + waves.straight
-    p1, p2 = _smoothed(waves, cut_rad_m, 1) + waves.slope, _smoothed(waves, cut_rad_m, 2)
+    p = _low_pass(waves, cut_rad_m) + waves.straight
+    p1, p2 = _low_pass(waves, cut_rad_m, 1) + waves.slope, _low_pass(waves, cut_rad_m, 2)
     kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3
     course = np.unwrap(np.angle(p1))
     x, y = np.real(p), np.imag(p)

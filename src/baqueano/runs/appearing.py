@@ -19,12 +19,12 @@ def appearing(path: Path) -> Iterator[BinaryIO]:
     try:
         with part.open("xb") as file:
             yield file
-        _named(part, path)
+        _give_name(part, path)
     finally:
         part.unlink(missing_ok=True)
 
 
-def _named(part: Path, path: Path) -> None:
+def _give_name(part: Path, path: Path) -> None:
     """A link of its name, which as no rename fails where anything is; a file system without links has the rename."""
     try:
         os.link(part, path)

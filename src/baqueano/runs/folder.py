@@ -90,11 +90,11 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     if path.suffix or path.exists():
         return path
     runs = sorted(folder.glob("*.mcap")) if folder.is_dir() else []
-    numbered = [run for run in _standing(runs) if number_of(run) is not None]
-    if name == "last" and numbered:
-        return max(numbered, key=lambda run: number_of(run) or 0)
+    numbered_runs = [run for run in _standing(runs) if number_of(run) is not None]
+    if name == "last" and numbered_runs:
+        return max(numbered_runs, key=lambda run: number_of(run) or 0)
     matches = [run for run in runs if run.stem == name]
-    matches = matches or [run for run in numbered if name.isdecimal() and number_of(run) == int(name)]
+    matches = matches or [run for run in numbered_runs if name.isdecimal() and number_of(run) == int(name)]
     if len(matches) == 1:
         return matches[0]
     if matches:
@@ -144,15 +144,15 @@ def listing(folder: Path | str = "runs") -> list[ListedRun]:
     if not folder.is_dir():
         raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
     paths = sorted(folder.glob("*.mcap"), key=_by_number)
-    return [_listed(path) for path in paths]
+    return [_entry_of(path) for path in paths]
 
 
-def _listed(path: Path) -> ListedRun:
+def _entry_of(path: Path) -> ListedRun:
     try:
         run = read_run(path)
     except BaqueanoError as error:
-        why = replace(error.diagnostic, figures={**error.diagnostic.figures, "path": path.name})
-        return ListedRun(number_of(path), path.stem, "?", None, "", "UNREADABLE", text(why))
+        reason = replace(error.diagnostic, figures={**error.diagnostic.figures, "path": path.name})
+        return ListedRun(number_of(path), path.stem, "?", None, "", "UNREADABLE", text(reason))
     verdict = run.metadata.get("verdict", "")
     notes = [run.metadata["note"]] if run.metadata.get("note") else []  # of older versions
     if source := run.metadata.get("recovered_from"):
@@ -202,9 +202,9 @@ def claim(folder: Path | str, label: str) -> Path:
     """Like `new_path`, and taken: no other program gets the same number, even before a run is written."""
     while True:
         path = new_path(folder, label)
-        taken = path.with_name(path.name + ".part")
+        part_path = path.with_name(path.name + ".part")
         try:
-            os.close(os.open(taken, os.O_CREAT | os.O_EXCL, 0o666))
+            os.close(os.open(part_path, os.O_CREAT | os.O_EXCL, 0o666))
         except FileExistsError:
             continue
         return path
@@ -212,7 +212,7 @@ def claim(folder: Path | str, label: str) -> Path:
 
 def release(path: Path) -> None:
     """Free the number that `claim` took; a written run keeps its number by its own name."""
-    taken = path.with_name(path.name + ".part")
+    part_path = path.with_name(path.name + ".part")
     with suppress(OSError):
-        if taken.stat().st_size == 0:
-            taken.unlink()
+        if part_path.stat().st_size == 0:
+            part_path.unlink()

@@ -38,9 +38,9 @@ def initial_pose(run: Run) -> np.ndarray:
         starts = np.abs(nu) < STARTING * np.max(np.abs(soon), axis=0, initial=0.0)
         return np.concatenate([eta, np.where(np.all(starts | (nu == 0.0)), 0.0, nu)])  # (2)
     later = int(min(first + SPAN_S * NANOSECONDS, truth.t_ns[-1]))
-    moved = _pose(later, truth) - eta
-    moved[2] = wrap(moved[2])
-    nu = map_from_body(eta[2] + 0.5 * moved[2]).T @ moved * (NANOSECONDS / max(later - first, 1))  # (1)
+    shift = _pose(later, truth) - eta
+    shift[2] = wrap(shift[2])
+    nu = map_from_body(eta[2] + 0.5 * shift[2]).T @ shift * (NANOSECONDS / max(later - first, 1))  # (1)
     return np.concatenate([eta, nu])
 
 

@@ -190,13 +190,13 @@ def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 def channel_of(name: str, channel: Channel) -> Channel:
     """Return a channel with checked shapes."""
-    where = f"sensors[{name!r}]"
-    arrival = times(channel.arrival_ns, f"{where}.arrival_ns")
+    place = f"sensors[{name!r}]"
+    arrival = times(channel.arrival_ns, f"{place}.arrival_ns")
     t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
     if t_ns.shape != arrival.shape:
-        raise Invalid(fault("run.arrivals", where=where, times=len(t_ns), arrivals=len(arrival)))
+        raise Invalid(fault("run.arrivals", where=place, times=len(t_ns), arrivals=len(arrival)))
     m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
-    return Channel(t_ns, arrival, array(channel.z, f"{where}.z", (len(arrival), m)))
+    return Channel(t_ns, arrival, array(channel.z, f"{place}.z", (len(arrival), m)))
 
 
 def estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
@@ -224,5 +224,5 @@ def log_of(name: str, log: Any, shapes: Any) -> Any:
     rows = zip(log[1:], shapes(len(t_ns), log), log._fields[1:], strict=True)
     return type(log)(
         t_ns,
-        *(None if shape is None else array(rows, f"{name}.{what}", shape) for rows, shape, what in rows),
+        *(None if shape is None else array(rows, f"{name}.{field}", shape) for rows, shape, field in rows),
     )

@@ -102,7 +102,7 @@ def read_route(path: Path | str) -> Route:
         raise FileError(
             fault("route.times", path=path, line=line, found=t_s[np.argmax(late) + int(late.any())])
         )
-    return Route(t_s, values[:, :3], values[:, 3:], _closed(path))
+    return Route(t_s, values[:, :3], values[:, 3:], _is_closed(path))
 
 
 def _by_way(table: LogTable, path: Path) -> Route:
@@ -134,10 +134,10 @@ def _by_way(table: LogTable, path: Path) -> Route:
         for rows, more in ((t_s, leaves), (eta, eta[stands]), (nu, nu[stands]))
     )
     keep = np.append(True, np.diff(t_s) > 0.0)  # two rows of one pose are one
-    return Route(t_s[keep], eta[keep], nu[keep], _closed(path))
+    return Route(t_s[keep], eta[keep], nu[keep], _is_closed(path))
 
 
-def _closed(path: Path) -> bool:
+def _is_closed(path: Path) -> bool:
     for line in Lines(path, None, str(path)):
         match = _CLOSED.match(line)
         if match:

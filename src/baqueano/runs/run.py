@@ -97,18 +97,20 @@ class Run(Result):
     notes: tuple[Diagnostic, ...] = ()
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "t_ns", times(self.t_ns, "t_ns", strictly=True))
+        set_field = object.__setattr__
+        set_field(self, "t_ns", times(self.t_ns, "t_ns", strictly=True))
         n = np.shape(self.applied)[1] if np.ndim(self.applied) == 2 else -1
-        put(self, "applied", array(self.applied, "applied", (len(self.t_ns), n)))
+        set_field(self, "applied", array(self.applied, "applied", (len(self.t_ns), n)))
         for name in ("requested", "sent"):
             if getattr(self, name) is not None:
-                put(self, name, array(getattr(self, name), name, self.applied.shape))
-        put(self, "sensors", {name: channel_of(name, channel) for name, channel in self.sensors.items()})
-        put(self, "estimate", log_of("estimate", self.estimate, estimate_shapes))
-        put(self, "reference", log_of("reference", self.reference, reference_shapes))
-        put(self, "truth", log_of("truth", self.truth, truth_shapes))
-        put(
+                set_field(self, name, array(getattr(self, name), name, self.applied.shape))
+        set_field(
+            self, "sensors", {name: channel_of(name, channel) for name, channel in self.sensors.items()}
+        )
+        set_field(self, "estimate", log_of("estimate", self.estimate, estimate_shapes))
+        set_field(self, "reference", log_of("reference", self.reference, reference_shapes))
+        set_field(self, "truth", log_of("truth", self.truth, truth_shapes))
+        set_field(
             self,
             "events",
             tuple(Event(int(e[0]), str(e[1]), str(e[2]), str(e[3]), e.diagnostic) for e in self.events),
@@ -117,11 +119,11 @@ class Run(Result):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Run):
             return NotImplemented
-        ignored = {"name", "path", "notes"}
+        ignored_fields = {"name", "path", "notes"}
         return all(
             _same(getattr(self, f.name), getattr(other, f.name))
             for f in fields(self)
-            if f.name not in ignored
+            if f.name not in ignored_fields
         ) and list(self.sensors) == list(other.sensors)
 
     def __repr__(self) -> str:
@@ -227,10 +229,10 @@ class Run(Result):
 def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
     none = Slot(0.0, np.zeros(channel.z.shape[1]))
     newest = np.searchsorted(channel.arrival_ns, t_ns, side="right") - 1
-    taken = -1
+    last = -1
     for i, now_ns in zip(newest.tolist(), t_ns.tolist(), strict=True):
-        yield Slot(1.0, channel.z[i], age_s(int(channel.t_ns[i]), now_ns)) if i > taken else none
-        taken = i
+        yield Slot(1.0, channel.z[i], age_s(int(channel.t_ns[i]), now_ns)) if i > last else none
+        last = i
 
 
 def age_s(measured_ns: Value, t_ns: Value) -> Value:

@@ -95,7 +95,7 @@ class ShownRun:
             lines.append(
                 _("and {more} more events; all of them with --json", more=len(run.events) - SHOWN_EVENTS)
             )
-        return in_lines([*lines, *(_("note: {note}", note=one) for one in texts(run.notes))])
+        return in_lines([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
 
     def events(self) -> list["TableRow"]:
         """All events as flat dicts, times in seconds since the first tick."""

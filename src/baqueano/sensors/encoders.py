@@ -107,8 +107,8 @@ class Encoders:
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s
         has: Value = np.minimum(np.floor(phase), 1.0)
         read, half = np.remainder(np.floor(way / self.count_m + EDGE), self.counter), 0.5 * self.counter
-        counted = np.remainder(read - state.counts + half, self.counter) - half
-        z = self.count_m * counted / np.maximum(since_s, SHORTEST_TICK_S) + self.noise_std * noise
+        count_step = np.remainder(read - state.counts + half, self.counter) - half
+        z = self.count_m * count_step / np.maximum(since_s, SHORTEST_TICK_S) + self.noise_std * noise
         after = EncodersState(
             phase - np.floor(phase) - PHASE_TOLERANCE,
             way,

@@ -66,7 +66,7 @@ class Pose(SampledSensor):
 
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """z − expected (3,), its heading wrapped."""
-        return _wrapped(z - expected)
+        return _wrap_heading(z - expected)
 
 
 def turned(way: np.ndarray, psi: Value) -> tuple[Value, Value]:
@@ -75,6 +75,6 @@ def turned(way: np.ndarray, psi: Value) -> tuple[Value, Value]:
     return c * way[0] - s * way[1], s * way[0] + c * way[1]
 
 
-def _wrapped(eta: np.ndarray) -> np.ndarray:
+def _wrap_heading(eta: np.ndarray) -> np.ndarray:
     """(x, y, wrap(ψ)) (3,)."""
     return np.array([eta[0], eta[1], wrap(eta[2])])

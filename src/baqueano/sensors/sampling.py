@@ -119,7 +119,7 @@ def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tu
     """Return the signal one tick on, and what the sensor shows then (m,), without noise.  (2)"""
     h, smooth = sensor.h(motion), signal.smooth
     if smooth.shape[0]:
-        h = smooth = _smoothed(sensor, smooth, motion, dt_s)
+        h = smooth = _smooth(sensor, smooth, motion, dt_s)
     if not signal.past.shape[0]:
         return signal._replace(smooth=smooth), h
     steps_s = with_newest(signal.steps_s, dt_s)
@@ -179,11 +179,11 @@ def low_pass_s(sensor: Tree) -> Value:
     return 0.5 / (np.pi * sensor.low_pass_hz) if optional.of(sensor, "has_low_pass") else 0.0
 
 
-def _smoothed(sensor: Tree, smooth: np.ndarray, motion: Motion, dt_s: Value) -> np.ndarray:
-    a, m, b = (sensor.h(there) for there in motion.tick or (motion, motion, motion))
+def _smooth(sensor: Tree, smooth: np.ndarray, motion: Motion, dt_s: Value) -> np.ndarray:
+    a, m, b = (sensor.h(sample) for sample in motion.tick or (motion, motion, motion))
     tau_s = low_pass_s(sensor)
     part = tau_s / np.maximum(dt_s, SHORTEST_TICK_S)
-    bent = 4.0 * part**2 * (a - 2.0 * m + b)
-    q_0 = a - part * (4.0 * m - 3.0 * a - b) + bent
-    q_end = b - part * (a - 4.0 * m + 3.0 * b) + bent
+    curvature = 4.0 * part**2 * (a - 2.0 * m + b)
+    q_0 = a - part * (4.0 * m - 3.0 * a - b) + curvature
+    q_end = b - part * (a - 4.0 * m + 3.0 * b) + curvature
     return q_end + (smooth - q_0) * np.exp(-dt_s / tau_s)

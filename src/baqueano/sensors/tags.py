@@ -83,8 +83,8 @@ class Tags:
         """Q (2, 2): the covariance of one measurement.  (2)"""
         if self.measurement_noise_cov is not None:
             return self.measurement_noise_cov
-        beside = 0.0 if self.sees_offset else 0.25 * self.radius_m**2
-        return np.eye(2) * (self.noise_std**2 + beside)
+        offset_variance = 0.0 if self.sees_offset else 0.25 * self.radius_m**2
+        return np.eye(2) * (self.noise_std**2 + offset_variance)
 
     def h(self, motion: Motion) -> np.ndarray:
         """The place of the reader (2,).  (1)"""
@@ -93,8 +93,8 @@ class Tags:
     def mistakes(self, z: np.ndarray) -> np.ndarray:
         """The ways (n, 2) from the tag that z is of to each tag: one that was taken for it stands there.  (3)"""
         far = np.sum((self.points_m - z) ** 2, axis=1)
-        here = np.where(far <= np.min(far), 1.0, 0.0)
-        return self.points_m - here @ self.points_m / np.sum(here)
+        is_nearest = np.where(far <= np.min(far), 1.0, 0.0)
+        return self.points_m - is_nearest @ self.points_m / np.sum(is_nearest)
 
     def init(self) -> TagsState:
         """Return a state before any reading; a vehicle that starts on a tag does not read it by leaving."""
@@ -106,9 +106,9 @@ class Tags:
         """Return its place, or that of the tag, if one was nearest in this tick; `noise` (2,)."""
         place = self.h(motion)
         way, before, now = place - state.before, state.before - self.points_m, place - self.points_m  # (n, 2)
-        beside = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way
+        cross_product = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way
         passed = (before @ way < 0.0) & (now @ way >= -ABEAM * (way @ way))
-        nearest = passed & (beside <= self.radius_m * np.hypot(*way))
+        nearest = passed & (cross_product <= self.radius_m * np.hypot(*way))
         read = np.where(nearest & (state.ready > 0.0), 1.0, 0.0)
         has: Value = np.max(read)
         away = np.min(np.sum(now**2, axis=1)) > self.radius_m**2

@@ -11,7 +11,7 @@ from baqueano.symbolic.graph.program import Kernel, Program
 from baqueano.symbolic.python_code import python
 
 NAMES = ("auto", "c", "python", "numpy")
-_reported: set[Diagnostic] = set()
+_report_log: set[Diagnostic] = set()
 
 
 def chosen(backend: str) -> str:
@@ -57,11 +57,12 @@ class Runner:
             self._give_up_c(error.diagnostic)
             return getattr(self._kernel, method)(*args)
 
-    def _give_up_c(self, why: Diagnostic | None) -> None:
+    def _give_up_c(self, reason: Diagnostic | None) -> None:
         self.backend, self._may_change = "python", False
         self._kernel = python.make_kernel(self._program)
-        if why is not None and why.code != "compiler.absent" and why not in _reported:
-            _reported.add(why)
+        if reason is not None and reason.code != "compiler.absent" and reason not in _report_log:
+            _report_log.add(reason)
             print(
-                f"baqueano: {text(note('compiler.given-up', Severity.WARNING, cause=why))}", file=sys.stderr
+                f"baqueano: {text(note('compiler.given-up', Severity.WARNING, cause=reason))}",
+                file=sys.stderr,
             )

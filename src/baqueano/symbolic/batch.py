@@ -42,13 +42,13 @@ class Batch(NamedTuple):
             if np.ndim(v) > is_own
         }
         if len(counts) != 1 or len(ticks) != 1:
-            raise Invalid(fault("engine.lanes", lanes=_listed(counts), ticks=_listed(ticks)))
+            raise Invalid(fault("engine.lanes", lanes=_list(counts), ticks=_list(ticks)))
         (count,), (n,) = counts, ticks
         columns = [
             _columns(leaf, v, (count, n) if o else (n,))
             for (leaf, v), o in zip(leaves_and_values, own, strict=True)
         ]
-        shared = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
+        shared_inputs = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
         parts = [c for c in columns if c.ndim == 3]  # where there is but one, it is read where it stands
         parts = parts if len(parts) == 1 else [np.zeros((count, n, 0)), *parts]
         each = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=2)
@@ -60,12 +60,12 @@ class Batch(NamedTuple):
                 for (leaf, v), m in zip(begin, many, strict=True)
             )], axis=1)  # fmt: skip
         theta = theta if theta.ndim == 2 else np.zeros((count, 0))
-        return cls(count, n, theta, rows, (shared, each, is_shared))
+        return cls(count, n, theta, rows, (shared_inputs, each, is_shared))
 
 
 def _columns(leaf: Leaf, value: Tree, lead: tuple[int, ...]) -> np.ndarray:
     return as_floats(leaf, value, lead).reshape(*lead, leaf.size)
 
 
-def _listed(numbers: set[int]) -> str:
+def _list(numbers: set[int]) -> str:
     return " and ".join(map(str, sorted(numbers))) or "no"

@@ -42,7 +42,7 @@ def here() -> str:
     frame = sys._getframe(1)
     while frame is not None:
         if _is_users(frame.f_code):
-            return _shown(frame.f_code.co_filename, frame.f_lineno)
+            return _place_text(frame.f_code.co_filename, frame.f_lineno)
         frame = frame.f_back
     return "in a line that could not be found"
 
@@ -59,7 +59,7 @@ def located() -> Iterator[None]:
         place, step = "", error.__traceback__
         while step is not None:
             if _is_users(step.tb_frame.f_code):
-                place = _shown(step.tb_frame.f_code.co_filename, step.tb_lineno)
+                place = _place_text(step.tb_frame.f_code.co_filename, step.tb_lineno)
             step = step.tb_next
         if not place:
             raise
@@ -71,5 +71,5 @@ def _is_users(code: CodeType) -> bool:
     return not code.co_filename.startswith(_FOREIGN)
 
 
-def _shown(file: str, line: int) -> str:
+def _place_text(file: str, line: int) -> str:
     return f"{file}:{line}: {linecache.getline(file, line).strip()}"

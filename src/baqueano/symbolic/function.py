@@ -113,16 +113,16 @@ class Function:
         return self.call(*args)
 
     def _compile(self, backend: str, examples: tuple[Tree, ...]) -> Runner:
-        made, nothing = _made(self.f, self._shapes, examples, backend), np.zeros(0)
-        row, result = np.zeros((1, made.inputs)), np.zeros((1, made.outputs))
+        parts, nothing = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
+        row, result = np.zeros((1, parts.inputs)), np.zeros((1, parts.outputs))
 
         def bound(runner: Runner) -> Callable[[], object]:
             return runner.call("bind", 1, nothing, nothing, row, result, nothing)
 
-        general = cache(lambda: bound(made.general()))
-        run = bound(made.quick)
-        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], made.shape)
-        return made.quick
+        general = cache(lambda: bound(parts.general()))
+        run = bound(parts.quick)
+        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], parts.shape)
+        return parts.quick
 
 
 class _CompiledParts(NamedTuple):
@@ -135,23 +135,23 @@ class _CompiledParts(NamedTuple):
     shape: Shape  # of the result
 
 
-_kept: dict[Hashable, _CompiledParts] = {}  # the oldest first
+_cache: dict[Hashable, _CompiledParts] = {}  # the oldest first
 _lock = Lock()
 
 
-def _made(
+def _compile_parts(
     f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
 ) -> _CompiledParts:
     """Return what was made of the same text before, or make it: the second drive of a vehicle is ready at once."""
     key = _key(f, shapes, examples, backend)
-    made = _kept.get(key) or _make(f, shapes, examples, backend)
+    parts = _cache.get(key) or _make(f, shapes, examples, backend)
     if key is not None:
         with _lock:
-            _kept.pop(key, None)
-            _kept[key] = made
-            while len(_kept) > KEPT:
-                del _kept[next(iter(_kept))]
-    return made
+            _cache.pop(key, None)
+            _cache[key] = parts
+            while len(_cache) > KEPT:
+                del _cache[next(iter(_cache))]
+    return parts
 
 
 def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:
@@ -242,9 +242,9 @@ class CompiledBlock:
         key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
         if key not in self._steps:
             self._steps[key] = Function(self._text, args, self._requested_backend)
-        made = self._steps[key]
-        self._last, self.backend = made.call, made.backend
-        return made(*args)
+        step = self._steps[key]
+        self._last, self.backend = step.call, step.backend
+        return step(*args)
 
     def __getattr__(self, name: str) -> Tree:
         return getattr(object.__getattribute__(self, "block"), name)

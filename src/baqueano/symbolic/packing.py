@@ -50,9 +50,9 @@ def caller(
         "make": make, "new": tuple.__new__, "restored": restored, "asarray": np.asarray,
     }  # fmt: skip
     packs, at = [], 0
-    for k, one in enumerate(shapes):
+    for k, input_shape in enumerate(shapes):
         lines: list[str] = []
-        at = _pack(one, f"a{k}", at, lines, space)
+        at = _pack(input_shape, f"a{k}", at, lines, space)
         packs.append(lines)
     state, count = state_of(shapes, shape), size(shapes[0]) if shapes else 0
     if state is not None:
@@ -81,13 +81,13 @@ def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
     first = shape.children[0]
-    return first if _is_kept(first) and size(first) and _alike(first, shapes[0]) else None
+    return first if _is_fixed(first) and size(first) and _alike(first, shapes[0]) else None
 
 
-def _is_kept(shape: Shape) -> bool:
+def _is_fixed(shape: Shape) -> bool:
     """Return whether nothing of it can change but the numbers in its arrays, which are parts of a row."""
     if isinstance(shape, Branch):
-        return issubclass(shape.kind, tuple) and all(map(_is_kept, shape.children))
+        return issubclass(shape.kind, tuple) and all(map(_is_fixed, shape.children))
     return isinstance(shape, ConstantLeaf) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
 
 
@@ -152,9 +152,9 @@ def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree
     )
     if state is None or not isinstance(shape, Branch):
         return [*lines, f"return {_tree(shape, names, space)}"]
-    first, *others = (_tree(child, names, space) for child in shape.children)
+    first, *rest = (_tree(child, names, space) for child in shape.children)
     lines += [f"state = {first}", f"last[0] = state, row[:{count}]"]
-    return [*lines, f"return (state, {''.join(f'{text}, ' for text in others)})"]
+    return [*lines, f"return (state, {''.join(f'{text}, ' for text in rest)})"]
 
 
 def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
@@ -169,8 +169,8 @@ def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
     children = f"({''.join(f'{_tree(child, names, space)}, ' for child in shape.children)})"
     if shape.kind is tuple:
         return children
-    named = issubclass(shape.kind, tuple)
-    return f"new(kind{k}, {children})" if named else f"make(kind{k}, keys{k}, {children})"
+    is_tuple = issubclass(shape.kind, tuple)
+    return f"new(kind{k}, {children})" if is_tuple else f"make(kind{k}, keys{k}, {children})"
 
 
 def _leaf(leaf: Leaf, name: str, k: int, space: dict[str, Tree]) -> str:

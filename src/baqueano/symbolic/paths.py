@@ -36,7 +36,7 @@ def get(tree: Tree, path: str) -> Tree:
 
 def put(tree: Of, path: str, value: Tree) -> Of:
     """A copy of `tree` with `value` at `path`; the shape there must not change."""
-    return _put(tree, _steps(path), value, path)
+    return _replace_at(tree, _steps(path), value, path)
 
 
 @lru_cache(maxsize=1000)
@@ -79,7 +79,7 @@ def _names(of: type) -> tuple[str, ...]:
     return tuple(getattr(of, "_fields", ()))
 
 
-def _put(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
+def _replace_at(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
     if not steps:
         if tree is not None and np.shape(tree) != np.shape(value):
             raise Invalid(
@@ -87,7 +87,7 @@ def _put(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
             )
         return value
     step = steps[0]
-    new = _put(_child(tree, step, path), steps[1:], value, path)
+    new = _replace_at(_child(tree, step, path), steps[1:], value, path)
     if isinstance(step, tuple):
         return _with_item(tree, step, new)
     if isinstance(tree, dict):
@@ -104,8 +104,8 @@ def _with_item(tree: Tree, index: tuple[int, ...], value: Tree) -> Tree:
     return type(tree)(items) if type(tree) in (tuple, list) else type(tree)(*items)
 
 
-def _with_name(named: Tree, name: str, value: Tree) -> Tree:
-    return named._replace(**{name: value})
+def _with_name(record: Tree, name: str, value: Tree) -> Tree:
+    return record._replace(**{name: value})
 
 
 def _with_field(block: Tree, name: str, value: Tree) -> Tree:

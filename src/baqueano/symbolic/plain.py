@@ -84,19 +84,19 @@ class PlainScan(Scan):
         ends: list[np.ndarray] = []
         every: list[Tree] = []
         carry_shape = self.carry_shape
-        for one in self._each(batch):
-            last, outputs_of = self.run(*one)
+        for lane in self._each(batch):
+            last, outputs_of = self.run(*lane)
             carry_shape = shape_of(last, "carry")
             ends.append(flat_row(carry_shape, last))
             every.append(outputs_of)
         if not outputs:
             return tree_of(carry_shape, np.array(ends)), None
         shape = shape_of(every[0], "output")
-        stacked = [
+        stacks = [
             np.stack(column)
             for column in zip(*(values(shape, outputs_of) for outputs_of in every), strict=True)
         ]
-        return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
+        return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacks))
 
     def batch_sums(
         self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
@@ -108,9 +108,9 @@ class PlainScan(Scan):
 
     def _each(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
         """Yield inputs, θ and start of each lane."""
-        shared, own, is_shared = batch.inputs
+        shared_rows, own, is_shared = batch.inputs
         rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
-        rows[:, mask] = shared
+        rows[:, mask] = shared_rows
         for k in range(batch.lanes):
             rows[:, ~mask] = own[k]
             start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])

@@ -213,7 +213,7 @@ class TracedScan(Scan):
         self.requested_backend = backend
         start = None if self.carry_function else self._flat_start(None)  # it may depend on θ
         candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
-        self.trace, self.symmetric = self._traced(candidates)
+        self.trace, self.symmetric = self._trace_once(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
         self.summing: dict[tuple[int, int], tuple[Assembly, Program, Runner]] = {}
         self.begun: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
@@ -238,7 +238,7 @@ class TracedScan(Scan):
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         theta, rows = self._theta(theta), self._rows(inputs)
-        (assembly, runner), start = self._prepared(True, carry)
+        (assembly, runner), start = self._prepare(True, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         final = np.empty(len(assembly.program.carry))
         runner.call("run", len(rows), theta, start, rows, outputs, final)
@@ -249,7 +249,7 @@ class TracedScan(Scan):
     def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         theta, rows = self._theta(theta), self._rows(inputs)
-        (assembly, runner), start = self._prepared(False, carry)
+        (assembly, runner), start = self._prepare(False, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         slopes = np.empty((*outputs.shape, len(theta)))
         runner.call("sensitivities", len(rows), theta, start, rows, outputs, slopes)
@@ -267,7 +267,7 @@ class TracedScan(Scan):
     ) -> NormalEquations:
         self._need_theta()
         theta, rows = self._theta(theta), self._rows(inputs)
-        (_, runner), start = self._prepared(False, carry)
+        (_, runner), start = self._prepare(False, carry)
         sums = runner.call("normal_equations", len(rows), theta, start, rows, huber)
         return NormalEquations(*sums)
 
@@ -277,7 +277,7 @@ class TracedScan(Scan):
         from baqueano.symbolic.batch import Batch
 
         batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
-        (assembly, runner), start = self._prepared(True, carry, batch.start)
+        (assembly, runner), start = self._prepare(True, carry, batch.start)
         program, count, n = assembly.program, batch.lanes, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         every = np.empty((count, n, len(program.outputs))) if outputs else None
@@ -293,7 +293,7 @@ class TracedScan(Scan):
 
         self._need_theta()
         batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
-        (assembly, _), start = self._prepared(False, carry, batch.start)
+        (assembly, _), start = self._prepare(False, carry, batch.start)
         program, runner = self._summing(assembly, slopes)
         count, m = batch.lanes, len(assembly.program.outputs)
         start = np.broadcast_to(start, (count, start.shape[-1]))
@@ -316,12 +316,12 @@ class TracedScan(Scan):
 
     def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
         theta, rows = self._theta(theta), self._rows(inputs)
-        (assembly, runner), start = self._prepared(False, carry)
+        (assembly, runner), start = self._prepare(False, carry)
         if len(assembly.program.outputs) != 1:
             raise Invalid(fault("engine.cost", numbers=len(assembly.program.outputs)))
         return runner.call("total", len(rows), theta, start, rows, gradient)
 
-    def _traced(self, symmetric: set[str]) -> Tree:
+    def _trace_once(self, symmetric: set[str]) -> Tree:
         shapes = self.carry_shape, self.input_shape
         return trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
 
@@ -331,26 +331,26 @@ class TracedScan(Scan):
         if key not in self.runners:
             with self.trace.graph.lock:
                 if key not in self.runners:
-                    trace = self.trace if symmetric else self._traced(set())[0]
+                    trace = self.trace if symmetric else self._trace_once(set())[0]
                     assembly = assemble(trace, keep_all, given_start)
                     self.runners[key] = assembly, Runner(assembly.program, self.requested_backend)
         return self.runners[key]
 
-    def _prepared(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:
+    def _prepare(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:
         """Return the kernel to run, and its start values (…, s)."""
         if carry is None and flat is None:
             if keep_all not in self.begun:
-                self.begun[keep_all] = self._begun(keep_all)
+                self.begun[keep_all] = self._begin(keep_all)
             return self.begun[keep_all]
-        return self._checked(keep_all, self._flat_start(carry) if flat is None else flat)
+        return self._check(keep_all, self._flat_start(carry) if flat is None else flat)
 
-    def _begun(self, keep_all: bool) -> Tree:
+    def _begin(self, keep_all: bool) -> Tree:
         """The same from the start that was given with the step."""
         if self.carry_function is not None:
             return self._runner(keep_all, given_start=False), np.zeros(0)
-        return self._checked(keep_all, self._flat_start(None))
+        return self._check(keep_all, self._flat_start(None))
 
-    def _checked(self, keep_all: bool, flat: np.ndarray) -> Tree:
+    def _check(self, keep_all: bool, flat: np.ndarray) -> Tree:
         pair = self._runner(keep_all, given_start=True)
         if not np.array_equal(flat, flat[..., pair[0].twin], equal_nan=True):  # a matrix is not symmetric
             pair = self._runner(keep_all, given_start=True, symmetric=False)

@@ -192,17 +192,17 @@ def construct(
     try:
         return kind(**values)
     except (ValueError, TypeError) as error:
-        sheet.wrong_table(path, "vehicle.refused", block=_who(kind), error=str(error))
+        sheet.wrong_table(path, "vehicle.refused", block=_block_name(kind), error=str(error))
     except BaseException as error:
         if from_outside(error):
             raise
         place = in_users_file(error)
-        who = f"{kind.__name__} ({place})" if place else _who(kind)
-        sheet.wrong_table(path, "vehicle.not-built", block=who, error=named(error))
+        block_name = f"{kind.__name__} ({place})" if place else _block_name(kind)
+        sheet.wrong_table(path, "vehicle.not-built", block=block_name, error=named(error))
     return None
 
 
-def _who(kind: type) -> str:
+def _block_name(kind: type) -> str:
     return kind.__name__ if kind.__module__.startswith("baqueano.") else f"{kind.__name__} ({place_of(kind)})"
 
 

@@ -33,11 +33,13 @@ class CheckedBlock(Result):
 
     def rows(self) -> list["TableRow"]:
         """One flat row per finding."""
-        return [{"block": self.block, "code": one.code, "finding": text(one)} for one in self.findings]
+        return [
+            {"block": self.block, "code": finding.code, "finding": text(finding)} for finding in self.findings
+        ]
 
     def table(self) -> str:
         """Return the findings, a line each, or a line that says that the block passed."""
-        return "\n".join(f"{self.block}  {one}" for one in texts(self.findings)) or str(self.verdict)
+        return "\n".join(f"{self.block}  {finding}" for finding in texts(self.findings)) or str(self.verdict)
 
 
 def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | None = None) -> CheckedBlock:
@@ -81,7 +83,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
         )
     if room not in CHECKS:
         raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
-    diagnostics = block_checks.check(room, _built(room, block, file), file.sensors, file.vehicle.commands)
+    diagnostics = block_checks.check(room, _build(room, block, file), file.sensors, file.vehicle.commands)
     name = block if isinstance(block, str) else (kind if isinstance(kind, type) else type(kind)).__name__
     return CheckedBlock(name, room, tuple(diagnostics))
 
@@ -97,7 +99,7 @@ def _room_with(kind: str) -> str:
     raise UsageError(fault("cli.block-unknown", "baqueano blocks ls", found=kind, near=nearest(kind, every)))
 
 
-def _built(room: str, block: OwnBlock, file: VehicleFile) -> object:
+def _build(room: str, block: OwnBlock, file: VehicleFile) -> object:
     """Return the block, with what the vehicle file has for it; a vehicle or a sensor with its own defaults."""
     if room == "guide":
         return file.guide(circle(1.0, 0.2), kind=block)

@@ -102,9 +102,9 @@ class Watch:
         part = self._beyond / np.maximum(self._sample_count, 1)
         for k in np.flatnonzero(part > SHOWN):
             figures = {"least": self._least[k], "most": self._most[k], "beyond_percent": 100.0 * part[k]}
-            fitted = {"low": inside.low[k], "high": inside.high[k]}
+            bounds = {"low": inside.low[k], "high": inside.high[k]}
             name = inside.names[k]
-            out.append(note("envelope.left", Severity.WARNING, subject=name, run=run, **figures, **fitted))
+            out.append(note("envelope.left", Severity.WARNING, subject=name, run=run, **figures, **bounds))
         return tuple(out)
 
     def _flush(self) -> None:

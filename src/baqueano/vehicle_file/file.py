@@ -201,17 +201,17 @@ class VehicleFile:
         >>> load("small").truth.name
         'small'
         """
-        named = self.simulation.truth
-        if named is None:
+        truth_name = self.simulation.truth
+        if truth_name is None:
             return self
-        if named in garage.names():
-            return self._filtering(load(named))
+        if truth_name in garage.names():
+            return self._filtering(load(truth_name))
         home = Path(self.folder or ".").resolve()
-        if not (home / named).resolve().is_relative_to(home):
+        if not (home / truth_name).resolve().is_relative_to(home):
             raise FileError(
-                fault("vehicle.truth-elsewhere", file=self.label, found=named, garage=garage.names())
+                fault("vehicle.truth-elsewhere", file=self.label, found=truth_name, garage=garage.names())
             )
-        return self._filtering(load(home / named))
+        return self._filtering(load(home / truth_name))
 
     def _filtering(self, truth: "VehicleFile") -> "VehicleFile":
         """Return the truth with this file's setting of the IMU's filter, which its owner chooses."""
@@ -235,7 +235,7 @@ class VehicleFile:
         return Surroundings(self.folder, self.rate_hz, self.geometry)
 
     def _block(
-        self, room: str, kind: OwnBlock | None, changes: "JsonObject", given: "JsonObject | None" = None
+        self, room: str, kind: OwnBlock | None, changes: "JsonObject", arguments: "JsonObject | None" = None
     ) -> Any:
         if kind is not None and not isinstance(kind, str):
             check_room(room, kind)
@@ -243,11 +243,11 @@ class VehicleFile:
                 return kind
         sheet = Sheet(self.label, self.text)
         sensors = build.with_usual_noise(self.sensors) if room == "estimator" else self.sensors
-        given = {"vehicle": self.vehicle, "sensors": sensors, **(given or {})}
+        arguments = {"vehicle": self.vehicle, "sensors": sensors, **(arguments or {})}
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
         if room == "estimator" and kind and self.kind(room) is AugmentedEkf:
             fallback["process_noise_cov"] = self.estimator().process_noise_cov
-        read = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
+        read = build.room(sheet, room, self.data.get(room, {}), arguments, fallback, self._around, kind)
         sheet.finish()
         assert read is not None
         lacking = [k for k in read.lacking if k not in changes]
@@ -258,7 +258,7 @@ class VehicleFile:
             }.get(room, "")
             code = "vehicle.lacks-found-by" if verb else "vehicle.lacks"
             raise FileError(fault(code, verb, file=sheet.name, room=room, keys=lacking))
-        if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(read.kind):
+        if room == "guide" and "route" not in arguments and {"t_s", "route"} & build.asks_for(read.kind):
             raise UsageError(fault("vehicle.no-route", guide=read.kind.__name__))
         block = build.construct(sheet, (room,), read.kind, {**read.values, **changes}, self._around)
         sheet.finish()
@@ -338,8 +338,8 @@ def parse(
     data = tables(text, name)
     top = read_top(sheet, data)
     channels, geometry, hardware, simulation = read_head(sheet, data)
-    filtered = low_pass_hz(hardware.imu_filter) if "imu_filter" in data.get("robot", {}) else None
-    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry, filtered)
+    imu_filter_hz = low_pass_hz(hardware.imu_filter) if "imu_filter" in data.get("robot", {}) else None
+    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry, imu_filter_hz)
     vehicle = build.vehicle(sheet, data["model"], around)
     sensors = build.sensors(sheet, data.get("sensors", {}), around)
     sheet.finish()

@@ -34,19 +34,19 @@ def path_of(source: str | Path) -> Path:
     path = Path(source).expanduser()
     if path.is_file():
         return path.resolve()
-    named = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
-    if named and source in names():  # also beside a folder of this name
+    is_name = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
+    if is_name and source in names():  # also beside a folder of this name
         return FOLDER / f"{source}.toml"
     if path.is_dir():
         inside = sorted(p.name for p in path.glob("*.toml"))
         raise FileError(fault("vehicle.folder", path=path, files=inside))
-    if named:
+    if is_name:
         near = nearest(str(source), names())
         raise FileError(fault("vehicle.unknown", "baqueano new NAME", missing=path, found=source, near=near))
-    beside = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+    neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     raise FileError(
         fault(
             "vehicle.absent", "baqueano new NAME", missing=path, found=path.name,
-            near=nearest(path.name, beside), garage=names(),
+            near=nearest(path.name, neighbours), garage=names(),
         )
     )  # fmt: skip

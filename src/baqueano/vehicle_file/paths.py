@@ -86,7 +86,9 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
     """Return the error of a key that nobody reads. A near one has nearly the same last name: `mass_kg` is not
     `yaw_lag_s`, though both are in the model."""
     near = nearest(dotted, keys)
-    last, suggestion = (str(one).rpartition(".")[2] for one in (dotted, near.figures.get("meant", dotted)))
+    last, suggestion = (
+        str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("meant", dotted))
+    )
     if difflib.SequenceMatcher(None, last, suggestion).ratio() < SAME:
         table = f"{dotted.rpartition('.')[0]}."
         near = nearest("", [key for key in keys if key.startswith(table)] or keys)
@@ -106,19 +108,19 @@ def _keys(
     try:
         return _keys_of(resolve_named(room, kind, folder)) if isinstance(kind, str) else []
     except FileError:
-        return _written(table)
+        return _leaf_paths(table)
 
 
 def _keys_of(kind: type) -> list[tuple[str, ...]]:
     keys: list[tuple[str, ...]] = []
     for name, key in keys_of(kind, {*DERIVED, "vehicle", "sensors"}).items():
-        nested = is_dataclass(key.type)
-        keys += [(name, *rest) for rest in _keys_of(key.type)] if nested else [(name,)]
+        is_table = is_dataclass(key.type)
+        keys += [(name, *rest) for rest in _keys_of(key.type)] if is_table else [(name,)]
     return keys
 
 
-def _written(table: "JsonObject") -> list[tuple[str, ...]]:
+def _leaf_paths(table: "JsonObject") -> list[tuple[str, ...]]:
     keys: list[tuple[str, ...]] = []
     for name, value in table.items():
-        keys += [(name, *rest) for rest in _written(value)] if isinstance(value, dict) else [(name,)]
+        keys += [(name, *rest) for rest in _leaf_paths(value)] if isinstance(value, dict) else [(name,)]
     return keys

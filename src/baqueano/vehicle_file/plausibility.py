@@ -145,8 +145,8 @@ def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
     if any(x > 0.0 for x in by.values()):
         return max(by, key=lambda path: by[path])
     some = [k for k, p in fields_of_model.items() if p.shape == ()]
-    fitted = [k for k in some if fields_of_model[k].role == "fitted"]
-    return min(fitted or some, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i])
+    fitted_keys = [k for k in some if fields_of_model[k].role == "fitted"]
+    return min(fitted_keys or some, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i])
 
 
 def _slower(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:

@@ -120,24 +120,24 @@ def _markdown(of_table: list["TableRow"]) -> list[str]:
     """Return the lines of one table, without the columns that nothing fills."""
     heads = {"key": _("key"), "meaning": _("meaning"), "unit": _("unit"), "shape": _("shape"), "range": _("range"),
              "default": _("default")}  # fmt: skip
-    used = [name for name in heads if any(row[name] for row in of_table)]
-    lines = [f"| {' | '.join(heads[name] for name in used)} |", "|---" * len(used) + "|"]
+    columns = [name for name in heads if any(row[name] for row in of_table)]
+    lines = [f"| {' | '.join(heads[name] for name in columns)} |", "|---" * len(columns) + "|"]
     for row in of_table:
-        cells = [f"`{row['key']}`", *(row[name].replace("|", "\\|") for name in used[1:])]
+        cells = [f"`{row['key']}`", *(row[name].replace("|", "\\|") for name in columns[1:])]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 
 
 def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
-    own_rows, nested = [], []
+    own_rows, nested_rows = [], []
     if kind and "." not in table.replace("sensors.NAME", ""):
         own_rows.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
     for name, key in keys_of(block, {*DERIVED, *GIVEN, *(ROUTE if table == "guide" else ())}).items():
         if isinstance(key.type, type) and is_dataclass(key.type):
-            nested += _rows(f"{table}.{name}", "", key.type)
+            nested_rows += _rows(f"{table}.{name}", "", key.type)
         else:
             own_rows.append(_row(table, kind, key))
-    return own_rows + nested
+    return own_rows + nested_rows
 
 
 def _row(table: str, kind: str, key: Key) -> "JsonObject":

@@ -89,10 +89,10 @@ def keys_of(kind: type, hidden: typing.Collection[str] = ()) -> dict[str, Key]:
     return keys
 
 
-def _keys_of_plain_class(kind: type, hidden: typing.Collection[str]) -> dict[str, Key]:
+def _keys_of_plain_class(kind: type, hidden_names: typing.Collection[str]) -> dict[str, Key]:
     keys = {}
     for p in inspect.signature(kind).parameters.values():
-        if p.name not in hidden and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
+        if p.name not in hidden_names and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
             default = NO_DEFAULT if p.default is p.empty else p.default
             keys[p.name] = Key(p.name, None, Any, default)
     return keys
@@ -122,9 +122,9 @@ def arguments(
     values = {}
     for name, value in table.items():
         if name in keys:
-            converted = _converted(sheet, (*path, name), keys[name], value)
-            if converted is not None:
-                values[name] = converted
+            result = _convert(sheet, (*path, name), keys[name], value)
+            if result is not None:
+                values[name] = result
         elif name not in also:
             unknown(sheet, (*path, name), value, {k: _unit(key) for k, key in keys.items()}, also)
     return values
@@ -139,9 +139,9 @@ def unknown(
         sheet.wrong(path, "vehicle.derived-key")
         return
     names = [*unit_of, *also]
-    other = wrong_unit(name, value, unit_of)
+    near_unit = wrong_unit(name, value, unit_of)
     code = "vehicle.key-unknown" if len(path) > 1 else "vehicle.table-unknown"
-    sheet.wrong(path, code, found=name, near=other or nearest(name, names))
+    sheet.wrong(path, code, found=name, near=near_unit or nearest(name, names))
 
 
 def missing(keys: dict[str, Key], values: "JsonObject") -> list[str]:
@@ -153,17 +153,17 @@ def _unit(key: Key) -> str:
     return key.parameter.unit if key.parameter else ""
 
 
-def _converted(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
+def _convert(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
     """The value as the block wants it; None after a complaint."""
     if dataclasses.is_dataclass(key.type) and isinstance(key.type, type):
-        return _nested(sheet, path, key.type, value)
+        return _nested_table(sheet, path, key.type, value)
     if key.parameter is not None:
         return _number(sheet, path, key, value)
     kind = key.type if key.type is not Any else type(key.default) if key.default is not NO_DEFAULT else Any
     return _plain(sheet, path, kind, value)
 
 
-def _nested(sheet: Sheet, path: KeyPath, kind: type, value: object) -> Any:
+def _nested_table(sheet: Sheet, path: KeyPath, kind: type, value: object) -> Any:
     """The arguments of a block within the block: a dict, built later."""
     return arguments(sheet, path, keys_of(kind, DERIVED), value, also=())
 

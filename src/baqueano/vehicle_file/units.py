@@ -111,13 +111,13 @@ def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic |
         dimension = (
             UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
         )
-        unit_given = UNITS["g0"] if unit == "g" and dimension == "acceleration" else UNITS[unit]
-        if unit_given.dimension != dimension:
+        source_unit = UNITS["g0"] if unit == "g" and dimension == "acceleration" else UNITS[unit]
+        if source_unit.dimension != dimension:
             continue
-        factor = unit_given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
+        factor = source_unit.factor / (UNITS[right_unit].factor if right_unit else 1.0)
         words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
         return note(
-            "vehicle.unit-other", in_unit=words, value=_unit_text(value), given=unit_given.words, key=right,
+            "vehicle.unit-other", in_unit=words, value=_unit_text(value), given=source_unit.words, key=right,
             converted=_times(value, factor),
         )  # fmt: skip
     return None

@@ -17,23 +17,23 @@ def check_bounds(block: Tree) -> None:
         value = getattr(block, name)
         if value is None:
             continue
-        where = f"{type(block).__name__}.{name}"
-        _check_type(where, value, p)
-        _check_values(where, np.asarray(value), p)
+        field_name = f"{type(block).__name__}.{name}"
+        _check_type(field_name, value, p)
+        _check_values(field_name, np.asarray(value), p)
 
 
-def _check_type(where: str, value: Value, p: Parameter) -> None:
+def _check_type(field_name: str, value: Value, p: Parameter) -> None:
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
         raise Invalid(
-            fault("field.one-number", where=where, found=repr(value), in_unit=p.unit, meaning=p.meaning)
+            fault("field.one-number", where=field_name, found=repr(value), in_unit=p.unit, meaning=p.meaning)
         )
     if p.shape != () and not isinstance(value, np.ndarray):
-        raise Invalid(fault("field.not-array", where=where, found=repr(value), meaning=p.meaning))
+        raise Invalid(fault("field.not-array", where=field_name, found=repr(value), meaning=p.meaning))
     if p.shape is not None and np.shape(value) != p.shape:
         raise Invalid(
             fault(
                 "field.shape",
-                where=where,
+                where=field_name,
                 found=str(np.shape(value)),
                 expected=str(p.shape),
                 in_unit=p.unit,
@@ -42,18 +42,22 @@ def _check_type(where: str, value: Value, p: Parameter) -> None:
         )
 
 
-def _check_values(where: str, value: np.ndarray, p: Parameter) -> None:
+def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
     if np.any(np.isnan(value)) or (np.any(np.isinf(value)) and p.high < INF):
         raise Invalid(
             fault(
-                "field.not-finite", where=where, found=str(value.tolist()), in_unit=p.unit, meaning=p.meaning
+                "field.not-finite",
+                where=field_name,
+                found=str(value.tolist()),
+                in_unit=p.unit,
+                meaning=p.meaning,
             )
         )
     if np.any(value < p.low) or np.any(value > p.high):
         raise Invalid(
             fault(
                 "field.range",
-                where=where,
+                where=field_name,
                 found=str(value.tolist()),
                 low=p.low,
                 high=p.high,

@@ -47,14 +47,18 @@ def pieces_in_force(
     values, begins = [u, u, u, *past], [dt_s, dt_s, delay_s]  # two that never begin stand before the newest
     for step_s in steps_s[: slots - 1]:
         begins.append(begins[-1] - step_s)
-    chosen = values[-1], values[-2], values[-3], begins[-1], begins[-2]
+    selection = values[-1], values[-2], values[-3], begins[-1], begins[-2]
     for k in range(slots - 1, -1, -1):
-        here = begins[k + 2] <= 0.0
+        in_force = begins[k + 2] <= 0.0
         newer = values[k + 2], values[k + 1], values[k], begins[k + 1], begins[k]
-        chosen = tuple(np.where(here, a, b) for a, b in zip(newer, chosen, strict=True))
-    first, second, third, to_second, to_third = chosen
-    one, two = np.clip(to_second, 0.0, dt_s), np.clip(to_third, 0.0, dt_s)
-    pieces = [Piece(first, 0.0, one), Piece(second, one, two - one), Piece(third, two, dt_s - two)]
+        selection = tuple(np.where(in_force, a, b) for a, b in zip(newer, selection, strict=True))
+    first, second, third, to_second, to_third = selection
+    end_first, end_second = np.clip(to_second, 0.0, dt_s), np.clip(to_third, 0.0, dt_s)
+    pieces = [
+        Piece(first, 0.0, end_first),
+        Piece(second, end_first, end_second - end_first),
+        Piece(third, end_second, dt_s - end_second),
+    ]
     return pieces[: slots + 1]
 
 

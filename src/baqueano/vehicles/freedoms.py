@@ -24,9 +24,9 @@ SMALL = 1e-8  # of a speed, below every one at which a friction changes
 
 def kept(vehicle: DynamicVehicle) -> tuple[int, ...]:
     """Entries of ν, 0 forward, 1 sideways, 2 turning.  (1)"""
-    still, moving = np.zeros(vehicle.commands), []
+    rest_command, moving = np.zeros(vehicle.commands), []
     for i, nu in enumerate(0.1 * np.eye(3)):
-        _, motion = vehicle.step(vehicle.init(nu=nu), still, SOON_S, np.zeros(3))
+        _, motion = vehicle.step(vehicle.init(nu=nu), rest_command, SOON_S, np.zeros(3))
         moving += [i] if motion.nu[i] > 0.05 else []
     return tuple(moving)
 
@@ -50,16 +50,16 @@ def slopes(
         shape = np.shape(get(model, path))
         none, all_of_it = (_rates(put(model, path, np.full(shape, x))["model"], there) for x in (0.0, 1.0))
         for index in np.ndindex(shape) if np.any(np.abs(all_of_it - none) > 1e-6) else ():
-            one = f"{path}[{','.join(map(str, index))}]" if index else path
-            at = [_rates(put(model, one, x)["model"], there) for x in (0.0, 1.0, 2.0)]
+            entry_path = f"{path}[{','.join(map(str, index))}]" if index else path
+            at = [_rates(put(model, entry_path, x)["model"], there) for x in (0.0, 1.0, 2.0)]
             first, second = at[1] - at[0], at[2] - at[1]
             if np.any(first > 1e-6) and np.allclose(first, second, rtol=1e-3):
-                yield one, np.where(first > 1e-6, first, 0.0)
+                yield entry_path, np.where(first > 1e-6, first, 0.0)
 
 
-def _rates(vehicle: DynamicVehicle, there: tuple[int, ...]) -> np.ndarray:
+def _rates(vehicle: DynamicVehicle, index: tuple[int, ...]) -> np.ndarray:
     off, out = np.zeros(vehicle.commands), np.zeros(3)
-    for i in there:
+    for i in index:
         nu = SMALL * np.eye(3)[i]
         out[i] = (vehicle.nu_dot(-nu, off)[i] - vehicle.nu_dot(nu, off)[i]) / (2.0 * SMALL)
     return out
@@ -73,15 +73,17 @@ def ideal(vehicle: DynamicVehicle) -> DynamicVehicle:
 
 def steers(vehicle: DynamicVehicle) -> bool:
     """Return True where the last command turns the vehicle only while it moves, as a servo does."""
-    return vehicle.commands > 1 and not np.any(_pushed(vehicle, -1))
+    return vehicle.commands > 1 and not np.any(_accelerations(vehicle, -1))
 
 
 def turns(vehicle: DynamicVehicle) -> bool:
     """Return True where the last command turns: a servo, or by far more than the first command does."""
-    return steers(vehicle) or bool(abs(_pushed(vehicle, 0)[2]) < TURNS * abs(_pushed(vehicle, -1)[2]))
+    return steers(vehicle) or bool(
+        abs(_accelerations(vehicle, 0)[2]) < TURNS * abs(_accelerations(vehicle, -1)[2])
+    )
 
 
-def _pushed(vehicle: DynamicVehicle, command: int) -> np.ndarray:
+def _accelerations(vehicle: DynamicVehicle, command: int) -> np.ndarray:
     """Return ν (3,) from rest under one unit of a command alone."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))

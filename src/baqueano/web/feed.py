@@ -72,11 +72,11 @@ class Feed:
     def history(self, from_s: float = 0.0) -> tuple[bytes, ...]:
         """Return what the ring holds from a time of the drive on, as the parts of one frame; none where it holds
         nothing. Their rows are those of the ring: many who wait for them share them."""
-        kept = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
-        if not kept:
+        pieces = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
+        if not pieces:
             return ()
-        head = HEAD.pack(self.number, sum(rows for _, rows, _ in kept), kept[0][0])
-        return (head, *(data for _, _, data in kept))
+        head = HEAD.pack(self.number, sum(rows for _, rows, _ in pieces), pieces[0][0])
+        return (head, *(data for _, _, data in pieces))
 
     def value(self, name: str) -> float:
         """Return the newest value of a column; NaN without one."""

@@ -63,7 +63,7 @@ class Guard:
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.shared, self._now, self._begun_s = shared, now, now()
-        self.hosts = frozenset(f"{bracketed(one)}:{port}".lower() for one in addresses)
+        self.hosts = frozenset(f"{bracketed(address)}:{port}".lower() for address in addresses)
         self._origins = frozenset(f"http://{host}" for host in self.hosts)
         self.tokens = {role: secrets.token_urlsafe(16) for role in Role}
         self._failures: defaultdict[str, deque[float]] = defaultdict(deque)
@@ -86,9 +86,9 @@ class Guard:
             return Role.DRIVE if free else None
         if len(failures) >= FAILURES:
             return None
-        given, matching = token.encode(), None
-        for role, ours in self.tokens.items():  # all of them: the time tells nothing
-            if hmac.compare_digest(given, ours.encode()):
+        candidate, matching = token.encode(), None
+        for role, own_token in self.tokens.items():  # all of them: the time tells nothing
+            if hmac.compare_digest(candidate, own_token.encode()):
                 matching = role
         if matching is None or self._now() - self._begun_s > HOLDS_S:
             self._fail(address)
@@ -105,17 +105,17 @@ class Rate:
     """At most `each_s` words a second, and twice as many at once: what came while this process did not run."""
 
     def __init__(self, each_s: float, now: Callable[[], float] = time.monotonic) -> None:
-        self._each_s, self._most, self._left = each_s, 2.0 * each_s, 2.0 * each_s
+        self._each_s, self._most, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
         self._now, self._last_s = now, now()
 
     def one_more(self) -> bool:
         """Return True if one more is within the rate."""
         now = self._now()
-        self._left = min(self._most, self._left + (now - self._last_s) * self._each_s)
+        self._credit = min(self._most, self._credit + (now - self._last_s) * self._each_s)
         self._last_s = now
-        if self._left < 1.0:
+        if self._credit < 1.0:
             return False
-        self._left -= 1.0
+        self._credit -= 1.0
         return True
 
 

@@ -107,8 +107,10 @@ def static(folder: Path) -> dict[str, Content]:
         kind = TYPES.get(path.suffix)
         if kind and path.is_file() and not path.is_symlink():
             content = path.read_bytes()
-            packed = gzip.compress(content, mtime=0) if kind.endswith("utf-8") else b""
-            table[f"/static/{path.relative_to(folder).as_posix()}"] = Content(kind, content, packed=packed)
+            compressed = gzip.compress(content, mtime=0) if kind.endswith("utf-8") else b""
+            table[f"/static/{path.relative_to(folder).as_posix()}"] = Content(
+                kind, content, packed=compressed
+            )
     if "/static/index.html" in table:
         table["/"] = table["/static/index.html"]
     return table
@@ -122,8 +124,10 @@ async def refuse(writer: asyncio.StreamWriter, why: RefusedRequest) -> None:
 
 def takes_gzip(head: Head) -> bool:
     """True for a browser that unpacks gzip."""
-    offers = (one.strip().lower() for value in head.values("accept-encoding") for one in value.split(","))
-    return any(one == "gzip" or (one.startswith("gzip;") and not one.endswith("q=0")) for one in offers)
+    offers = (offer.strip().lower() for value in head.values("accept-encoding") for offer in value.split(","))
+    return any(
+        offer == "gzip" or (offer.startswith("gzip;") and not offer.endswith("q=0")) for offer in offers
+    )
 
 
 async def reply(writer: asyncio.StreamWriter, body: Content, head: Head) -> None:

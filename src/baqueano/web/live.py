@@ -92,7 +92,7 @@ class Live:
     def hello(self, visitor: Visitor) -> "JsonObject":
         """Return what hello says of the vehicle."""
         with within(visitor.language):
-            state = self._described()
+            state = self._description()
         about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
         return {
             "robot": self.robot, "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}),
@@ -166,20 +166,20 @@ class Live:
         """Give the lease away, to a visitor of this name who may drive."""
         to = None
         if word.get("to"):
-            named = [one for one in self._visitors() if one.name == word["to"] and one.role == Role.DRIVE]
-            if not named:
+            guests = [g for g in self._visitors() if g.name == word["to"] and g.role == Role.DRIVE]
+            if not guests:
                 raise UsageError(fault("web.no-such-visitor", name=one_line(str(word["to"]))[:LONGEST]))
-            to = named[0]
+            to = guests[0]
         self.lease.give(visitor, to, getattr(to, "name", ""))
         self._say_lease()
 
     def _mission(self, visitor: Visitor, word: "JsonObject") -> None:
-        kind, order = self._checked(visitor, word)
+        kind, order = self._check_order(visitor, word)
         self._ask(visitor, kind=kind, **order)
 
     async def _whole_mission(self, visitor: Visitor, word: "JsonObject") -> None:
         """Ask a robot, which knows no names, for a mission that is packed here."""
-        kind, order = self._checked(visitor, word)
+        kind, order = self._check_order(visitor, word)
         assert self.pack is not None
         if kind == "teach":
             raise UsageError(fault("web.teach-there", typed("teach", "NAME", "--robot", "HOST")))
@@ -187,11 +187,11 @@ class Live:
         self.lease.check(visitor)
         self._ask(visitor, mission=mission)
 
-    def _ask(self, visitor: Visitor, **what: object) -> None:
+    def _ask(self, visitor: Visitor, **fields: object) -> None:
         self._last_sender = visitor
-        self._link.say("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **what)
+        self._link.say("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **fields)
 
-    def _checked(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
+    def _check_order(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
         """Return kind and options of a mission that the holder asks for."""
         self.lease.check(visitor)
         kind, order = mission_of(word)
@@ -287,8 +287,8 @@ class Live:
         for visitor in [self._last_sender] if self._last_sender in set(self._all()) else self._all():
             if visitor is not None:
                 with within(visitor.language):
-                    why = text(about) if isinstance(about, Diagnostic) else one_line(str(word["why"]))
-                visitor.say({"is": "no", "why": why, "code": getattr(about, "code", ""), "to": "mission"})
+                    reason = text(about) if isinstance(about, Diagnostic) else one_line(str(word["why"]))
+                visitor.say({"is": "no", "why": reason, "code": getattr(about, "code", ""), "to": "mission"})
 
     def _on_vehicle(self, word: "JsonObject") -> None:
         self._vehicle = word
@@ -297,11 +297,11 @@ class Live:
 
     def _on_fields(self, word: "JsonObject") -> None:
         names, units = word["names"], word.get("units", [])
-        changed = self.feed.columns([str(name) for name in names])
+        columns_changed = self.feed.columns([str(name) for name in names])
         self.identifying.begin(self.feed.names, ahead="file" in self._vehicle)
         self._events.clear()
-        if changed:
-            commands = [str(one["name"]) for one in self._vehicle.get("command", [])]
+        if columns_changed:
+            commands = [str(command["name"]) for command in self._vehicle.get("command", [])]
             pairs = zip(names, units, strict=False)
             self._fields = [
                 {"name": str(n), "unit": "" if u == "1" else str(u), "group": group_of(str(n), commands)}
@@ -347,7 +347,7 @@ class Live:
     # to all
 
     def _all(self) -> list[Visitor]:
-        return [one for one in self._visitors() if one.role is not None]
+        return [visitor for visitor in self._visitors() if visitor.role is not None]
 
     def _tell_blocks(self) -> None:
         """Tell who sits in which room, the gains, and what the next mission takes in place of the file's."""
@@ -364,8 +364,8 @@ class Live:
             await asyncio.sleep(STATE_S / 2)
             if self._last_lease != (self.lease.holder, len(self._all())):
                 self._say_lease()
-            driven = self._state["state"] in ("MISSION", "MANUAL")
-            if self._changed or driven:
+            is_driving = self._state["state"] in ("MISSION", "MANUAL")
+            if self._changed or is_driving:
                 self._changed = False
                 self._say_state()
                 await asyncio.sleep(STATE_S / 2)
@@ -375,10 +375,10 @@ class Live:
         for visitor in self._all():
             if visitor.language not in words:
                 with within(visitor.language):
-                    words[visitor.language] = self._described()
+                    words[visitor.language] = self._description()
             visitor.say(words[visitor.language])
 
-    def _described(self) -> "JsonObject":
+    def _description(self) -> "JsonObject":
         now_s = self.feed.value("t")
         odd = [
             message for t_s, message in self._events

@@ -78,7 +78,7 @@ class BrowserPage:
         self, lab: Lab, shelf: Shelf, guard: Callable[[], Guard], opened: tuple[Path, ...] = (),
         live: VehicleSide | None = None,
     ) -> None:  # fmt: skip
-        self._lab, self._shelf, self._guard, self._opened, self.live = lab, shelf, guard, opened, live
+        self._lab, self._shelf, self._guard, self._start_paths, self.live = lab, shelf, guard, opened, live
         self._identifying = Identifying()  # of runs that are over
         first = {"path": str(opened[0])} if opened else None
         self.source: Callable[[], JsonObject | None] = lambda: first  # what questions are about
@@ -140,9 +140,9 @@ class BrowserPage:
         if role is None:
             raise UsageError(fault("web.token"))
         self._count += 1
-        named = one_line(str(word.get("name") or ""))[:LONGEST_NAME].strip()
+        visitor_name = one_line(str(word.get("name") or ""))[:LONGEST_NAME].strip()
         with within(visitor.language):
-            visitor.name = named or text(note("web.visitor", number=self._count))
+            visitor.name = visitor_name or text(note("web.visitor", number=self._count))
         about = await self._about_run() if self.live is None else self.live.hello(visitor)
         visitor.role = role
         self.say_hello(visitor, about)
@@ -156,7 +156,7 @@ class BrowserPage:
             "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
-            "runs": self._shelf.runs(), "open": self._named(), "shared": self._guard().shared,
+            "runs": self._shelf.runs(), "open": self._first_runs(), "shared": self._guard().shared,
         } | about  # fmt: skip
         visitor.say(hello | {"fields": labelled(hello["fields"], visitor.language)})
 
@@ -165,15 +165,15 @@ class BrowserPage:
         for visitor in visitors:
             self._later(self._list(visitor))
 
-    def _named(self) -> "JsonObject | None":
+    def _first_runs(self) -> "JsonObject | None":
         """Return the runs that the page was started with, by word."""
-        words = [self._shelf.word(path) for path in self._opened]
+        words = [self._shelf.word(path) for path in self._start_paths]
         return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
 
     async def _about_run(self) -> "JsonObject":
-        if not self._opened:
+        if not self._start_paths:
             return {}
-        about, _ = await self._lab.ask("open", path=str(self._opened[0]))
+        about, _ = await self._lab.ask("open", path=str(self._start_paths[0]))
         return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
 
     async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -202,19 +202,19 @@ class BrowserPage:
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="write"))
         self.live.may_change(visitor)
-        done = await self.questions.write(visitor, word)
+        message = await self.questions.write(visitor, word)
         with within(visitor.language):
-            visitor.say({"is": "event", "t": 0.0, "severity": "warning", "text": text(done)})
+            visitor.say({"is": "event", "t": 0.0, "severity": "warning", "text": text(message)})
 
     async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
         """Send the run of a word of the list, and its ghost."""
         paths, through = self._shelf.paths(), str(word.get("filter") or "")[:LONGEST_FILTER]
-        chosen: list[tuple[Path, str]] = []
+        selection: list[tuple[Path, str]] = []
         for word_of_run in filter(None, (word["run"], word["run"] if through else word.get("ghost"))):
             if word_of_run not in paths:
                 raise UsageError(fault("web.no-run"))
-            chosen.append((paths[word_of_run], through if chosen else ""))
-        visitor.send_all(self._pieces(visitor, chosen))
+            selection.append((paths[word_of_run], through if selection else ""))
+        visitor.send_all(self._pieces(visitor, selection))
 
     async def _runs(self, visitor: Visitor, word: "JsonObject") -> None:
         self._later(self._list(visitor))
@@ -265,7 +265,7 @@ class BrowserPage:
         return whole | {
             "id": self._shelf.word(path), "name": about["name"], "run": self._shelf.line(path) | brief,
             "fields": labelled(about["fields"], visitor.language), "sentence": sentence,
-            "events": [worded(one, visitor.language) for one in about["events"]],
+            "events": [worded(event, visitor.language) for event in about["events"]],
         }  # fmt: skip
 
     def _later(self, job: Coroutine[None, None, None]) -> None:

@@ -55,7 +55,7 @@ async def show_runs(
         try:
             async with server:
                 announce(server, how, say)
-                await (ended() if lasting else _first(ended(), _left(server)))
+                await (ended() if lasting else _first(ended(), _until_empty(server)))
         finally:
             await page.close()
             await shelf.close()
@@ -86,16 +86,16 @@ async def show_vehicle(
     server.foxglove = live.foxglove
     live.identifying.vehicle = robot[0] if robot is not None else vehicle
     if robot is not None:
-        await _presumed(live, lab, *robot)
+        await _presume(live, lab, *robot)
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
-    described, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
+    description, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive
-        await asyncio.wait({hearing, described}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
-        if hearing.done() and not described.done():
+        await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
+        if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
             announce(server, how, say)
@@ -107,7 +107,7 @@ async def show_vehicle(
                 raise RobotUnreachable(fault("web.service-gone"))
     finally:
         await link.close()
-        for task in (hearing, described, over, *([ending] if ending else [])):
+        for task in (hearing, description, over, *([ending] if ending else [])):
             task.cancel()
         await live.identifying.close()
         await page.close()
@@ -122,7 +122,7 @@ def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
     return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
 
 
-async def _presumed(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
+async def _presume(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
     """Say what a robot is by its vehicle file here, and pack its missions here."""
 
     async def pack(kind: str, order: "JsonObject") -> str:
@@ -134,10 +134,10 @@ async def _presumed(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
     live.pack = pack
 
 
-def _server(page: BrowserPage, shelf: Shelf, how: PageOptions) -> Server:
-    shared_at = (how.address or own_address()) if how.share else ""
-    names = own_names() if how.share else ()
-    return Server(page.receive, page.left, shelf.body, port=how.port, shared_at=shared_at, names=names)
+def _server(page: BrowserPage, shelf: Shelf, options: PageOptions) -> Server:
+    shared_at = (options.address or own_address()) if options.share else ""
+    names = own_names() if options.share else ()
+    return Server(page.receive, page.left, shelf.body, port=options.port, shared_at=shared_at, names=names)
 
 
 def announce(server: Server, how: PageOptions, say: Callable[[Diagnostic | str], object]) -> None:
@@ -174,21 +174,21 @@ async def _first(*jobs: Coroutine[None, None, None]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _left(server: Server) -> None:
+async def _until_empty(server: Server) -> None:
     """Wait until browsers have come and gone; COMES_S for the first, GONE_S for one that loads again."""
-    empty_s, visited = time.monotonic(), False
+    empty_s, had_visitors = time.monotonic(), False
     while True:
         await asyncio.sleep(LOOK_S)
         if server.visitors:
-            empty_s, visited = time.monotonic(), True
-        if time.monotonic() - empty_s > (GONE_S if visited else COMES_S):
+            empty_s, had_visitors = time.monotonic(), True
+        if time.monotonic() - empty_s > (GONE_S if had_visitors else COMES_S):
             return
 
 
 async def ended() -> None:
     """Wait for Ctrl-C, or the end of the terminal or of the system."""
-    done, loop = asyncio.Event(), asyncio.get_running_loop()
+    end_event, loop = asyncio.Event(), asyncio.get_running_loop()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         with suppress(NotImplementedError, AttributeError, RuntimeError):  # Windows, or not the main thread
-            loop.add_signal_handler(getattr(signal, name), done.set)
-    await done.wait()
+            loop.add_signal_handler(getattr(signal, name), end_event.set)
+    await end_event.wait()

@@ -31,30 +31,30 @@ def described(
 ) -> "JsonObject":
     """Return the word `state` for a browser, in the current language."""
     kind, name = state.get("mission"), state["state"]
-    driven = kind is not None and name in ("MISSION", "MANUAL")
+    is_driving = kind is not None and name in ("MISSION", "MANUAL")
     lap, laps = _lap(feed, route), state.get("laps")
-    title = TITLES.get(str(kind), "web.title-drive") if driven else STATES.get(name, "web.title-ready")
-    title = "web.title-paused" if state.get("paused") and driven else title
-    parts = _driving(state, feed, lap, laps) if driven else [_standing(state)]
+    title = TITLES.get(str(kind), "web.title-drive") if is_driving else STATES.get(name, "web.title-ready")
+    title = "web.title-paused" if state.get("paused") and is_driving else title
+    parts = _driving(state, feed, lap, laps) if is_driving else [_standing(state)]
     grave = Severity.ERROR if name == "STOPPED" else Severity.WARNING if odd else Severity.INFO
-    routed = {} if not route or not route.get("name") else {"route": route["name"]}
+    route_field = {} if not route or not route.get("name") else {"route": route["name"]}
     return {
-        "is": "state", "state": name, "mission": {"kind": kind, **routed} if driven else None,
-        "lap": lap if driven else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
+        "is": "state", "state": name, "mission": {"kind": kind, **route_field} if is_driving else None,
+        "lap": lap if is_driving else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
         "paused": bool(state.get("paused")), "pace": state.get("pace"), "title": text(note(title)),
-        "sentence": " ".join(ended(text(one)) for one in parts), "severity": str(grave),
-        "odd": [text(one) for one in odd], "battery_v": state.get("battery_v"), "scene": state.get("scene"),
+        "sentence": " ".join(ended(text(part)) for part in parts), "severity": str(grave),
+        "odd": [text(message) for message in odd], "battery_v": state.get("battery_v"), "scene": state.get("scene"),
     }  # fmt: skip
 
 
 def _standing(state: "JsonObject") -> Diagnostic:
-    why = state.get("why")
+    reason = state.get("why")
     if state["state"] == "STOPPED":
-        return note("web.stopped", cause=why or "")
-    if state["state"] == "OVER" and isinstance(why, Diagnostic):
-        return why
+        return note("web.stopped", cause=reason or "")
+    if state["state"] == "OVER" and isinstance(reason, Diagnostic):
+        return reason
     if state["state"] == "DISARMED":
-        return note("web.disarmed", cause=why or "")
+        return note("web.disarmed", cause=reason or "")
     return note("web.ready")
 
 
@@ -91,10 +91,10 @@ def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
         | {
             "what": _text(row.get("what")), "nobody": _text(row.get("nobody")),
             "noticed": [
-                {"who": _text(one.get("who")), "after_s": one.get("after_s"), "text": _text(one.get("said"))}
-                for one in row.get("noticed") or [] if isinstance(one, dict)
+                {"who": _text(notice.get("who")), "after_s": notice.get("after_s"), "text": _text(notice.get("said"))}
+                for notice in row.get("noticed") or [] if isinstance(notice, dict)
             ],
-            "silent": [_text(one) for one in row.get("silent") or []],
+            "silent": [_text(source) for source in row.get("silent") or []],
         }
         for row in rows
     ]  # fmt: skip

@@ -70,7 +70,7 @@ class Server:
         for address in self._addresses:
             try:
                 server = await asyncio.start_server(
-                    self._met, address, self.port, limit=LONGEST_HEAD, start_serving=False
+                    self._welcome, address, self.port, limit=LONGEST_HEAD, start_serving=False
                 )
             except OSError as error:
                 await self._close()
@@ -109,7 +109,7 @@ class Server:
             with suppress(OSError):
                 await asyncio.wait_for(server.wait_closed(), 1.0)
 
-    async def _met(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         self._connections += 1
         self._talks.add(task)
@@ -141,8 +141,8 @@ class Server:
             if body is None:
                 raise RefusedRequest(HTTPStatus.NOT_FOUND)
             await reply(writer, body, head)
-        except RefusedRequest as why:
-            await refuse(writer, why)
+        except RefusedRequest as refusal:
+            await refuse(writer, refusal)
 
     async def _upgrade(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
@@ -154,7 +154,7 @@ class Server:
         writer.write(b"".join(protocol.data_to_send()))
         visitor = Visitor(reader, writer, protocol, writer.get_extra_info("peername")[0], bool(origins))
         self.visitors.add(visitor)
-        late = asyncio.get_running_loop().call_later(HANDSHAKE_S, self._greeted, visitor)
+        late = asyncio.get_running_loop().call_later(HANDSHAKE_S, self._check_greeting, visitor)
         try:
             await visitor.talk(self._on_word)
         finally:
@@ -169,10 +169,10 @@ class Server:
         address, foxglove = writer.get_extra_info("peername")[0], self.foxglove
         assert foxglove is not None
         token = head.path.removeprefix("/foxglove").removeprefix("/")
-        here = (
+        is_local = (
             not token and not head.values("origin") and not self.guard.shared and address in (LOOPBACK, "::1")
         )
-        if not here and self.guard.role(address, token, from_page=False) is None:
+        if not is_local and self.guard.role(address, token, from_page=False) is None:
             raise RefusedRequest(HTTPStatus.FORBIDDEN)
         protocol = self._protocol(head, data, NAMES)
         if protocol.subprotocol is None:
@@ -193,7 +193,7 @@ class Server:
             raise RefusedRequest(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
         if len(self.visitors) + len(self.onlookers) >= VISITORS:
             raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE)
-        protocol = ServerProtocol(subprotocols=[Subprotocol(one) for one in names], max_size=LONGEST)
+        protocol = ServerProtocol(subprotocols=[Subprotocol(name) for name in names], max_size=LONGEST)
         protocol.receive_data(data)
         requests = protocol.events_received()
         response = protocol.accept(requests[0]) if requests else None  # pyright: ignore[reportArgumentType]
@@ -202,7 +202,7 @@ class Server:
         protocol.send_response(response)
         return protocol
 
-    def _greeted(self, visitor: Visitor) -> None:
+    def _check_greeting(self, visitor: Visitor) -> None:
         """Let a visitor go who has not said hello."""
         if not visitor.spoke:
             visitor.leave(POLICY)

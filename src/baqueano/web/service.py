@@ -87,16 +87,16 @@ class Link:
 
 async def simulated(vehicle: str, folder: Path, *more: str) -> Link:
     """Start the service of a simulated vehicle."""
-    return await _started(
+    return await _start(
         [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *more]
     )
 
 
 async def on_pipes(coming: BinaryIO, going: BinaryIO) -> Link:
     """Speak over these pipes, as to the process that started this one."""
-    ours, theirs = socket.socketpair()
-    threading.Thread(target=join, args=(theirs, coming, going), name="pipes", daemon=True).start()
-    return Link(*await asyncio.open_connection(sock=ours, limit=LONGEST))
+    near_end, far_end = socket.socketpair()
+    threading.Thread(target=join, args=(far_end, coming, going), name="pipes", daemon=True).start()
+    return Link(*await asyncio.open_connection(sock=near_end, limit=LONGEST))
 
 
 async def reached(host: str) -> Link:
@@ -109,10 +109,10 @@ async def reached(host: str) -> Link:
             raise RobotUnreachable(
                 fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
             ) from error
-    return await _started(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # nobody types a password into a page
+    return await _start(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # nobody types a password into a page
 
 
-async def _started(command: list[str]) -> Link:
+async def _start(command: list[str]) -> Link:
     """Return the link to a program that speaks over its pipes; what it says to people stays on stderr."""
     try:
         program = await asyncio.create_subprocess_exec(

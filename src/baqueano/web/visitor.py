@@ -173,11 +173,11 @@ class Visitor:
             while self.open:
                 await self._waiting.wait()
                 self._waiting.clear()
-                await self._drained()  # of a picture that was sent at once
-                while self.open and (await self._one()):
+                await self._drain()  # of a picture that was sent at once
+                while self.open and (await self._send_next()):
                     pass
 
-    async def _one(self) -> bool:
+    async def _send_next(self) -> bool:
         """Send what is first; False where nothing waits. A word goes before a picture, a picture before a piece."""
         if self._words:
             await self._write(self._words.popleft())
@@ -186,7 +186,7 @@ class Visitor:
         elif self._picture is not None:
             picture, self._picture = self._picture, None
             self._writer.write(picture)
-            await self._drained()
+            await self._drain()
         elif self._pieces is not None:
             pieces = self._pieces
             try:
@@ -200,15 +200,15 @@ class Visitor:
             return False
         return True
 
-    async def _write(self, what: "Piece") -> None:
-        if isinstance(what, tuple):
-            return await self._write_parts(deque(what))
-        if isinstance(what, bytes):
-            self._protocol.send_binary(what)
+    async def _write(self, piece: "Piece") -> None:
+        if isinstance(piece, tuple):
+            return await self._write_parts(deque(piece))
+        if isinstance(piece, bytes):
+            self._protocol.send_binary(piece)
         else:
-            self._protocol.send_text(encoded(what))
+            self._protocol.send_text(encoded(piece))
         self._flush()
-        await self._drained()
+        await self._drain()
 
     async def _write_parts(self, parts: deque[bytes]) -> None:
         """Send one message in fragments, the next when the kernel has the one before: the memory
@@ -221,9 +221,9 @@ class Visitor:
             send(bytes(data), fin=not parts)
             send = self._protocol.send_continuation
             self._flush()
-            await self._drained()
+            await self._drain()
 
-    async def _drained(self) -> None:
+    async def _drain(self) -> None:
         """Wait until the kernel has it."""
         if not self._writer.is_closing():
             await self._writer.drain()

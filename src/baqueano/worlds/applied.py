@@ -69,14 +69,14 @@ class AppliedDuties:
         self._commands: deque[tuple[int, tuple[float, float]]] = deque(maxlen=1000)
         self._command_ns, self._integral = -1, np.zeros(2)  # U of (1)
         self._duty, self._stopped = (0.0, 0.0), False
-        self._until_ns, self._given = -1, np.zeros(2)  # what (3) has spent
+        self._until_ns, self._spent_duty = -1, np.zeros(2)  # what (3) has spent
         self._mean = np.zeros(2)
 
     def begin(self, now_ns: int) -> None:
         """The first tick begins now; what was heard and sent before counts as much as it still moves a motor."""
         self._commands.clear()
         self._until_ns, self._integral = now_ns, np.zeros(2)
-        self._given = np.zeros(2) if self._command_ns < 0 else self._onward(now_ns)
+        self._spent_duty = np.zeros(2) if self._command_ns < 0 else self._onward(now_ns)
 
     def sent(self, now_ns: int, left: float, right: float) -> None:
         """A command has left."""
@@ -97,8 +97,8 @@ class AppliedDuties:
         if self._command_ns < 0 or t_ns <= self._until_ns:
             return self._mean
         whole = self._integral + self._onward(t_ns)
-        self._mean = (whole - self._given) / ((t_ns - self._until_ns) * NS)
-        self._until_ns, self._given = t_ns, whole
+        self._mean = (whole - self._spent_duty) / ((t_ns - self._until_ns) * NS)
+        self._until_ns, self._spent_duty = t_ns, whole
         return self._mean
 
     def _onward(self, t_ns: int) -> np.ndarray:

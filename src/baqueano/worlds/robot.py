@@ -155,7 +155,7 @@ class Robot(World):
         self._force: np.ndarray | None = None
         self._sensors, self._wheels, self._imu, self._body = sensors, wheels, imu, body
         self._start_ns = 0
-        self._applied = AppliedDuties(body.motors)
+        self._duties = AppliedDuties(body.motors)
         self._last: Telemetry | None = None
         self._extras: list[tuple[str, int, np.ndarray]] = []
         self._events: list[tuple[int, Diagnostic | str]] = []
@@ -169,7 +169,7 @@ class Robot(World):
         self._encoders = SilentEncoders()
         if self._last is not None:
             self._hear(self._last)
-        self._applied.begin(now_ns)
+        self._duties.begin(now_ns)
         if self._imu is not None:
             self._imu.read()
             self._imu.events()
@@ -184,7 +184,7 @@ class Robot(World):
                 self._extras.append(("battery", t_ns, np.array([self.battery_v])))
         for s in telemetry:
             self._hear(s)
-        u = unmix(self._body.mixing, self._applied.mean(self._start_ns + t_ns))  # (2)
+        u = unmix(self._body.mixing, self._duties.mean(self._start_ns + t_ns))  # (2)
         self._events += [(t_ns, text) for s in telemetry for text in self._encoders.update(s)]
         imu = self._imu_slot(t_ns)
         names = tuple(self._sensors._fields)
@@ -202,7 +202,7 @@ class Robot(World):
         left, right = np.clip(mix(self._body.mixing, command.u), -1.0, 1.0).tolist()
         self._wheels.drive(left, right)
         now_ns = self._start_ns + command.t_ns if self._now_ns is None else self._now_ns()
-        self._applied.sent(now_ns, left, right)
+        self._duties.sent(now_ns, left, right)
 
     def trouble(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle must not go on; None if the link is well."""
@@ -228,7 +228,7 @@ class Robot(World):
 
     def _hear(self, telemetry: Telemetry) -> None:
         now = telemetry.applied if telemetry.now is None else telemetry.now
-        self._applied.update(telemetry.t_ns, telemetry.applied, now, telemetry.stopped is not None)
+        self._duties.update(telemetry.t_ns, telemetry.applied, now, telemetry.stopped is not None)
 
     def _imu_slot(self, t_ns: int) -> Slot | None:
         """(a_x, a_y, ω_z) of the body and its age, that of the chip's filter too; None where no sample came.  (3)"""
@@ -238,7 +238,7 @@ class Robot(World):
         if not samples:
             return None
         accel = np.mean([s.accel for s in samples], axis=0)
-        self._tilted(accel)
+        self._watch_tilt(accel)
         gyro = np.mean([s.gyro for s in samples], axis=0)
         self.temperature_c = samples[-1].temperature_c
         self._extras.append(("imu_temperature", t_ns, np.array([self.temperature_c])))
@@ -249,7 +249,7 @@ class Robot(World):
         )  # within the run
         return Slot(1.0, np.array([accel[0], accel[1], gyro[2]]), age_s)
 
-    def _tilted(self, accel: np.ndarray) -> None:
+    def _watch_tilt(self, accel: np.ndarray) -> None:
         """The tilt of the mean force: driving shakes it, but not for long."""
         self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
@@ -265,19 +265,19 @@ class Robot(World):
             )  # h has that of its low-pass
         if now is not None and before is not None and now is not before and now.boot == before.boot:
             if reads == "wheels":
-                z = self._rolled(before, now)
-            elif reads == "encoders" and (rolled := self._rolled(before, now)) is not None:
+                z = self._wheel_travel(before, now)
+            elif reads == "encoders" and (travel := self._wheel_travel(before, now)) is not None:
                 middle_ns = (before.t_ns + now.t_ns) // 2 - self._start_ns  # a mean speed holds there
-                return Slot(1.0, rolled, seconds(t_ns, min(max(0, middle_ns), t_ns)))
+                return Slot(1.0, travel, seconds(t_ns, min(max(0, middle_ns), t_ns)))
             elif reads == "odometer":
-                z = self._rolled(before, now)
+                z = self._wheel_travel(before, now)
                 z = None if z is None else np.mean(z, keepdims=True)
             elif reads == "mark" and now.marks != before.marks:
                 passed_ns = min(max(0, now.mark_ns - self._start_ns), t_ns)  # in this run, not after its tick
                 return Slot(1.0, np.zeros(1), seconds(t_ns, passed_ns))
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
 
-    def _rolled(self, before: Telemetry, now: Telemetry) -> np.ndarray | None:
+    def _wheel_travel(self, before: Telemetry, now: Telemetry) -> np.ndarray | None:
         """(v_l, v_r) from one telemetry to the next; None for wheels without encoders.  (4)"""
         radius, turn = self._body.wheel_radius_m, self._body.counts_per_turn
         if radius is None or turn is None:

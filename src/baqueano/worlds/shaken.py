@@ -38,33 +38,33 @@ def shaken_step(
     shake: Disturbance,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
     """Advance by a tick under the command `u` (n,) and a disturbance: state, truth, readings.  (1)-(4)"""
-    vehicle = _weakened(vehicle, shake)
+    vehicle = _weaken(vehicle, shake)
     before = state.vehicle
     a, _ = _acceleration(vehicle, before.eta, shake)
-    pushed = before._replace(nu=before.nu + 0.5 * dt_s * a)
-    body, motion = vehicle.step(pushed, u, dt_s, noise.vehicle)
+    pushed_state = before._replace(nu=before.nu + 0.5 * dt_s * a)
+    body, motion = vehicle.step(pushed_state, u, dt_s, noise.vehicle)
     a, gravity = _acceleration(vehicle, body.eta, shake)
     nu = body.nu + 0.5 * dt_s * a
     late = _slower(vehicle, body.eta[2], body.nu, nu)  # ν̇ of the tick is that before the second half
     body = body._replace(nu=nu, nu_dot=body.nu_dot + late + a)
-    truth = _disturbed(motion, late + a, gravity)._replace(nu=nu)
+    truth = _disturb(motion, late + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
         begin, middle, end = motion.tick
-        first_slope = _slower(vehicle, before.eta[2], pushed.nu, before.nu)
+        first_slope = _slower(vehicle, before.eta[2], pushed_state.nu, before.nu)
         truth = truth._replace(
             tick=(
-                _disturbed(begin, first_slope + a, gravity),
-                _disturbed(middle, a, gravity),
-                _disturbed(end, late + a, gravity),
+                _disturb(begin, first_slope + a, gravity),
+                _disturb(middle, a, gravity),
+                _disturb(end, late + a, gravity),
             )
         )
     states, slots = [], []
-    for s, x, w, one in zip(sensors, state.sensors, noise.sensors, shake.sensors, strict=True):
+    for s, x, w, disturbance in zip(sensors, state.sensors, noise.sensors, shake.sensors, strict=True):
         after, slot = s.step(x, truth, dt_s, w)
         states.append(after)
-        slots.append(_read(s, slot, one))
-    made = sensor_slots(tuple(sensors._fields))(*slots)
-    return WorldState(body, tuple(states)), truth._replace(tick=None), made
+        slots.append(_read(s, slot, disturbance))
+    readings = sensor_slots(tuple(sensors._fields))(*slots)
+    return WorldState(body, tuple(states)), truth._replace(tick=None), readings
 
 
 def _with_gains(vehicle: Vehicle) -> Vehicle:
@@ -74,7 +74,7 @@ def _with_gains(vehicle: Vehicle) -> Vehicle:
     return put({"model": vehicle}, "model.drivetrain", gains)["model"]
 
 
-def _weakened(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
+def _weaken(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
     """Return the vehicle with what is left of its voltage and of the grip of its motors.  (3)"""
     tree, drivetrain = {"model": vehicle}, vehicle.drivetrain
     tree = put(tree, "model.drivetrain.battery_v", drivetrain.battery_v * shake.supply)
@@ -95,15 +95,15 @@ def _slower(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> n
     return np.zeros(3) if own is None else own(then, off, psi) - own(nu, off, psi)
 
 
-def _disturbed(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
+def _disturb(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
     return motion._replace(nu_dot=motion.nu_dot + a, gravity=motion.gravity + gravity)
 
 
-def _read(sensor: Tree, slot: Slot, one: SensorDisturbance) -> Slot:
-    has = slot.has * one.keep
-    z, limit = one.factor * slot.z + one.offset, optional.of(sensor, "limit")
+def _read(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
+    has = slot.has * disturbance.keep
+    z, limit = disturbance.factor * slot.z + disturbance.offset, optional.of(sensor, "limit")
     off = np.clip(difference(sensor, z, np.zeros(sensor.size)), -limit, limit)  # an angle is wrapped
-    z = np.where(one.offset != 0.0, off, z)
+    z = np.where(disturbance.offset != 0.0, off, z)
     return slot._replace(has=has, z=np.where(has > 0.0, z, 0.0))
 
 
@@ -163,26 +163,26 @@ class ShakenWorld(SimulatedWorld):
     ) -> None:  # fmt: skip
         self._shaking = Shaking(vehicle, sensors, rate_hz, seed)
         self.faults: list[Fault] = []  # by their number less 1
-        for one in shake:
-            self._take(self._shaking.check(Fault.of_words(one)))
+        for words in shake:
+            self._take(self._shaking.check(Fault.of_words(words)))
         self._coming: deque[Fault | int] = deque()
         self._pending: list[tuple[int, Diagnostic | str]] = []
-        self._begun, self._over = set[int](), set[int]()
+        self._started_numbers, self._over = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
         self._requested = self._u
         block = _Shaken(_with_gains(vehicle), sensors).step
         calm = self._shaking.calm.disturbance()
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors), calm)
-        self._shaken = block if backend == "numpy" else function(block, *example, backend=backend)
+        self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
     def shake(self, one: FaultLike) -> Fault:
         """Let a fault begin with the next tick, from any thread; its `at_s` is set then. UsageError for one that this
         vehicle cannot have."""
-        checked = self._shaking.check(Fault.of_words(one))
+        valid_fault = self._shaking.check(Fault.of_words(one))
         if len(self.faults) + len(self._coming) >= MOST_FAULTS:
             raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
-        self._coming.append(checked)
-        return checked
+        self._coming.append(valid_fault)
+        return valid_fault
 
     def over(self, number: int) -> None:
         """Let a fault end with the next tick, from any thread. UsageError where none has this number."""
@@ -202,43 +202,45 @@ class ShakenWorld(SimulatedWorld):
     def _advance(self, dt_s: float) -> ByName[Slot]:
         k = self._tick
         self._take_all(k)
-        for number, one in enumerate(self.faults, 1):
-            if number not in self._begun and self._shaking.first(one) <= k:
-                self._begun.add(number)
-                self._pending.append((self._end_ns(k), one.message(number, float(self.truth.eta[2]))))
+        for number, fault_ in enumerate(self.faults, 1):
+            if number not in self._started_numbers and self._shaking.first(fault_) <= k:
+                self._started_numbers.add(number)
+                self._pending.append((self._end_ns(k), fault_.message(number, float(self.truth.eta[2]))))
         shake, arrives = self._shaking.inputs(self.faults, k)
         if arrives:
             self._u = self._requested
-        self._state, self.truth, slots = self._shaken(self._state, self._u, dt_s, self._noise(), shake)
+        self._state, self.truth, slots = self._compiled_step(self._state, self._u, dt_s, self._noise(), shake)
         return slots
 
     def _take_all(self, k: int) -> None:
         """Take what was asked for since the last tick."""
         now_s = k / self._rate_hz
         while self._coming:
-            one = self._coming.popleft()
-            if isinstance(one, Fault):
-                if one.kind == "tilt":  # the floor has one slope at a time, if a person moves it
-                    for number in [n for n in self._begun - self._over if self.faults[n - 1].kind == "tilt"]:
+            change = self._coming.popleft()
+            if isinstance(change, Fault):
+                if change.kind == "tilt":  # the floor has one slope at a time, if a person moves it
+                    for number in [
+                        n for n in self._started_numbers - self._over if self.faults[n - 1].kind == "tilt"
+                    ]:
                         self._end(number, k)
-                self._take(replace(one, at_s=now_s))
+                self._take(replace(change, at_s=now_s))
             else:
-                self._end(one, k)
+                self._end(change, k)
 
     def _end(self, number: int, k: int) -> None:
-        one, now_s = self.faults[number - 1], k / self._rate_hz
-        if number in self._over or self._shaking.last(one) <= k or number not in self._begun:
+        fault_, now_s = self.faults[number - 1], k / self._rate_hz
+        if number in self._over or self._shaking.last(fault_) <= k or number not in self._started_numbers:
             return
         self._over.add(number)
-        ended = replace(one, for_s=now_s - one.at_s)
-        self.faults[number - 1] = ended
+        ended_fault = replace(fault_, for_s=now_s - fault_.at_s)
+        self.faults[number - 1] = ended_fault
         message = note(
-            "shake.over", subject=SOURCE, number=number, for_s=ended.for_s, what=one.message(number)
+            "shake.over", subject=SOURCE, number=number, for_s=ended_fault.for_s, what=fault_.message(number)
         )
         self._pending.append((self._end_ns(k), message))
 
-    def _take(self, one: Fault) -> None:
-        self.faults.append(one)
+    def _take(self, fault_: Fault) -> None:
+        self.faults.append(fault_)
 
     def _end_ns(self, k: int) -> int:
         return round((k + 1) * NANOSECONDS / self._rate_hz)

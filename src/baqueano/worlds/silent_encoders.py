@@ -22,20 +22,22 @@ class SilentEncoders:
     def __init__(self) -> None:
         self._before: Telemetry | None = None
         self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
-        self._reported: set[int] = set()
+        self._reported_wheels: set[int] = set()
 
     def update(self, now: "Telemetry") -> list[Diagnostic]:
         """Return which encoders fell silent; each is said once until the firmware takes its flag back."""
         before, self._before = self._before, now
         for wheel in range(2):
-            driven = abs(now.applied[wheel]) >= DRIVEN_HARD
-            if before is None or not driven or now.counts[wheel] != before.counts[wheel]:
+            is_driven = abs(now.applied[wheel]) >= DRIVEN_HARD
+            if before is None or not is_driven or now.counts[wheel] != before.counts[wheel]:
                 self._quiet_ns[wheel] = now.t_ns
         if not now.encoder_silent:
-            self._reported.clear()
+            self._reported_wheels.clear()
             return []
-        new = {w for w in range(2) if (now.t_ns - self._quiet_ns[w]) * 1e-9 >= QUIET_S} - self._reported
-        self._reported |= new
+        new = {
+            w for w in range(2) if (now.t_ns - self._quiet_ns[w]) * 1e-9 >= QUIET_S
+        } - self._reported_wheels
+        self._reported_wheels |= new
         if len(new) == 2:
             return [note("encoders.both-silent", Severity.WARNING, FIX)]
         return [note(f"encoders.{('left', 'right')[w]}-silent", Severity.WARNING, FIX) for w in new]

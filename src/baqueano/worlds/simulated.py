@@ -130,7 +130,7 @@ class SimulatedWorld(World):
             stream(seed, PROCESS),
             *(stream(seed, sensor_stream(name)) for name in sensors._fields),
         ]
-        self._drawn: list[np.ndarray] = []
+        self._draws: list[np.ndarray] = []
 
         step = _VehicleWithSensors(vehicle, sensors).step
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors))
@@ -165,5 +165,5 @@ class SimulatedWorld(World):
         row = self._tick % BATCH
         if row == 0:
             pairs = zip(self._streams, self._sizes, strict=True)
-            self._drawn = [generator.standard_normal((BATCH, size)) for generator, size in pairs]
-        return DrawnNoise(self._drawn[0][row], tuple(drawn[row] for drawn in self._drawn[1:]))
+            self._draws = [generator.standard_normal((BATCH, size)) for generator, size in pairs]
+        return DrawnNoise(self._draws[0][row], tuple(draw[row] for draw in self._draws[1:]))

@@ -35,7 +35,7 @@ def ends():
      (errno.ENOENT, "Is the cable plugged in")],
 )  # fmt: skip
 def test_a_line_that_cannot_be_opened_is_reported_by_the_number_of_its_error(number, words):
-    assert words in serial_port._refused("/dev/ttyUSB0", OSError(number, "in whatever language"))
+    assert words in serial_port._refusal("/dev/ttyUSB0", OSError(number, "in whatever language"))
 
 
 def test_bytes_go_both_ways_and_reading_does_not_wait(ends):

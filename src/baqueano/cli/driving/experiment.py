@@ -70,16 +70,16 @@ def command(
 ) -> None:  # fmt: skip
     _check_options(signal, rounds, update)
     file = options.load_vehicle(vehicle, settings)
-    kind, driven = signal.replace("-", "_"), []
+    kind, run_names = signal.replace("-", "_"), []
     if room is not None:
         from baqueano.identify.design.room import room_of
 
         room_of(file, room)  # before anything moves
 
     def path_of(label: str) -> Path:
-        beside = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
-        path = options.run_path(beside, folder, label if label == "first-drive" else "experiment")
-        driven.append(path.stem if out is None else str(path))
+        labelled_path = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
+        path = options.run_path(labelled_path, folder, label if label == "first-drive" else "experiment")
+        run_names.append(path.stem if out is None else str(path))
         return path
 
     with (
@@ -98,7 +98,7 @@ def command(
             options.kept(result.rounds[-1].fit.vehicle_file, update)
         else:
             one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json, shake)
-    talk(note("cli.next-identify", fix=typed("identify", *driven, *options.naming(file, folder))))
+    talk(note("cli.next-identify", fix=typed("identify", *run_names, *options.naming(file, folder))))
 
 
 def one(
@@ -151,16 +151,16 @@ def signal_of(
         return u
     room = room_of(file, size)
     with busy(note("cli.keeping-in-room", size=size)):
-        kept = contained(u, file, room, seed=seed, backend=backend)
+        containment = contained(u, file, room, seed=seed, backend=backend)
     talk(
         note(
             "cli.room-kept",
             size=size,
-            replaced_percent=100.0 * kept.replaced,
-            margin_cm=100.0 * kept.margin_m,
+            replaced_percent=100.0 * containment.replaced,
+            margin_cm=100.0 * containment.margin_m,
         )
     )
-    return kept.u
+    return containment.u
 
 
 def after_first_drive(

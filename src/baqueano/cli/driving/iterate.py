@@ -55,21 +55,21 @@ class Rounds:
     def rows(self) -> list["TableRow"]:
         """Return a flat row per round and parameter."""
         out = []
-        for k, one in enumerate(self.rounds):
-            for name, x in zip(one.fit.names, one.fit.estimate, strict=True):
+        for k, iteration in enumerate(self.rounds):
+            for name, x in zip(iteration.fit.names, iteration.fit.estimate, strict=True):
                 estimate = float(x) if np.isfinite(x) else None
-                row = {"round": k + 1, "run": one.run.stem, "name": name, "estimate": estimate}
-                out.append(row | {"relative_sd": one.relative_sd(name)})
+                row = {"round": k + 1, "run": iteration.run.stem, "name": name, "estimate": estimate}
+                out.append(row | {"relative_sd": iteration.relative_sd(name)})
         return out
 
     def table(self) -> str:
         """A line for each parameter, a column for each round."""
-        names = list(dict.fromkeys(name for one in self.rounds for name in one.fit.names))
+        names = list(dict.fromkeys(name for iteration in self.rounds for name in iteration.fit.names))
         width = max(map(len, (*names, _("standard error of"))))
         head = "".join(f"{_('round {k}', k=k + 1):>12}" for k in range(len(self.rounds)))
         lines = [f"{_('standard error of'):{width}}{head}"]
         for name in names:
-            sure = [one.relative_sd(name) for one in self.rounds]
+            sure = [iteration.relative_sd(name) for iteration in self.rounds]
             cells = ["—" if sd is None else f"{number(100.0 * sd):.3g} %" for sd in sure]
             lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in cells))
         return "\n".join([*lines, "", verdict_line(self.verdict, self.rounds[-1].fit.reasons)])
@@ -85,7 +85,7 @@ def in_rounds(
     from baqueano.errors import AnswerNo
     from baqueano.identify import FitOptions, identify
 
-    done: list[Round] = []
+    results: list[Round] = []
     for k in range(rounds):
         u = signal(file, seed + k)
         path = path_of(f"{k + 1}")
@@ -103,5 +103,5 @@ def in_rounds(
         if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
         file = fit.vehicle_file
-        done.append(Round(path, fit))
-    return Rounds(tuple(done))
+        results.append(Round(path, fit))
+    return Rounds(tuple(results))

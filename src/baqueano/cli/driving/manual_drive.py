@@ -56,21 +56,23 @@ def by_hand(
     device = None if pad is None else find(Path(pad) if pad != FIND else None)
     if device is not None:
         talk(note("cli.game-pad", name=device.name))
-    another = answered_by_another() if over_ssh(os.environ) else ""
-    if another:
-        talk(note("cli.terminal-of-another", another=another))
+    multiplexer = answered_by_another() if over_ssh(os.environ) else ""
+    if multiplexer:
+        talk(note("cli.terminal-of-another", another=multiplexer))
     with ExitStack() as open_things:
         place: Any = open_things.enter_context(placed(robot, file, seed, backend))
         cockpit = Cockpit(
-            file.command.limit, name=robot, names=tuple(file.command.names), trusted=not another,
+            file.command.limit, name=robot, names=tuple(file.command.names), trusted=not multiplexer,
             hold=hold and gains_of(file) is not None, drivetrain=getattr(file.vehicle, "drivetrain", None),
             pad=device, **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(ended_by_signals(hand.stop))
-        given = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
-        given |= {"words": hand.words, "on_state": hand.show, "say": hand.say} if kind != "simulated" else {}
-        run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **given)
+        arguments = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
+        arguments |= (
+            {"words": hand.words, "on_state": hand.show, "say": hand.say} if kind != "simulated" else {}
+        )
+        run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **arguments)
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
@@ -92,10 +94,10 @@ def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
             assert page is not None
             with ended_by_signals(page.door.operator.stop):
                 page.wait_for_hand()
-                given = {"live": True} if kind in IN_HERE else {}
+                arguments = {"live": True} if kind in IN_HERE else {}
                 hand = partial(page.door.hand, commands)
                 mission = Mission(verb, hold=hold)
-                run = place.drive(mission, file, path, lambda seconds: None, hand=hand, **given)
+                run = place.drive(mission, file, path, lambda seconds: None, hand=hand, **arguments)
         return read_run(path) if kind in IN_HERE else run  # a live drive holds no run of its own
 
     return drive
@@ -150,10 +152,10 @@ def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
 
-    why = stop_of(run)
-    if why is not None and why.code == StopReason.INTERRUPTED:
+    stop_reason = stop_of(run)
+    if stop_reason is not None and stop_reason.code == StopReason.INTERRUPTED:
         return
-    if why is not None and robot.partition(":")[0] != "simulated":
+    if stop_reason is not None and robot.partition(":")[0] != "simulated":
         talk(note("cli.stop-latched", fix=typed("robot", "clear", robot)))
     options.ended(run, path)
 

@@ -82,30 +82,30 @@ def command(
 
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file, robot)
-    taught = options.find_route(route)
+    taught_route = options.find_route(route)
     if faster:
-        taught = as_fast_as_it_can(taught, route, file, backend)
-    walled = walls(file, room, start)
-    drivable(taught, route, file, walled, robot, anyway, backend)
-    care = Precautions(True, anyway, walled, lead_in, way_back, caution, patience_s)
+        taught_route = as_fast_as_it_can(taught_route, route, file, backend)
+    walled_room = walls(file, room, start)
+    drivable(taught_route, route, file, walled_room, robot, anyway, backend)
+    care = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
     own = {"estimator": estimator, "controller": controller, "guide": guide}
     own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
     mission = Mission(
-        "repeat", route=taught, laps=laps, blocks={room: k for room, k in own.items() if k is not None},
-        start=standing(taught, stand), precautions=care.to_json(),
+        "repeat", route=taught_route, laps=laps, blocks={room: k for room, k in own.items() if k is not None},
+        start=standing(taught_route, stand), precautions=care.to_json(),
     )  # fmt: skip
     with (
         live.live_page(shown, robot, file, folder, pace) as watching,
         placed(robot, file, seed, backend, page=watching, shake=shake) as place,
     ):
         path = options.run_path(out, folder, "repeat")
-        with clocked(note("cli.repeat"), laps * float(taught.t_s[-1])) as progress:
+        with clocked(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
             run = place.drive(mission, file, path, progress)
     talk(note("cli.run", path=path))
     say_ledger(run, file, shake)
-    compared = compare(run)
-    answer(compared, as_json, laps=compared.laps())
-    options.advise_to_fit(compared, [run], options.naming(file, folder), folder)
+    comparison = compare(run)
+    answer(comparison, as_json, laps=comparison.laps())
+    options.advise_to_fit(comparison, [run], options.naming(file, folder), folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 

@@ -45,21 +45,21 @@ def command(
     from baqueano.runs.initial_pose import initial_pose
     from baqueano.vehicle_file import override
 
-    recorded = options.find_runs((run,), folder)[0]
-    named = options.naming_own(folder)
-    if vehicle is None and recorded.vehicle_text:
+    recorded_run = options.find_runs((run,), folder)[0]
+    vehicle_options = options.naming_own(folder)
+    if vehicle is None and recorded_run.vehicle_text:
         talk(note("cli.vehicle-of-run"))
-        file = vehicle_of(recorded)
+        file = vehicle_of(recorded_run)
         file = override(file, settings) if settings else file
     else:
         file = options.load_vehicle(vehicle, settings)
-        named = options.naming(file, folder)
-    by = recorded.metadata.get("backend", "auto") if backend == "auto" else backend
+        vehicle_options = options.naming(file, folder)
+    by = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
     own = file.estimator(options.own_block(file, "estimator", estimator))
-    path = options.run_path(out, folder, f"replay-{recorded.name}")
-    with clocked(note("cli.replay"), recorded.duration_s) as progress:
-        again = replay(
-            recorded,
+    path = options.run_path(out, folder, f"replay-{recorded_run.name}")
+    with clocked(note("cli.replay"), recorded_run.duration_s) as progress:
+        replayed = replay(
+            recorded_run,
             file,
             estimator=own,
             path=None if smooth else path,
@@ -67,28 +67,29 @@ def command(
             backend=by,
         )
     if smooth:
-        again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)
-        write_run(again, path)
+        replayed = replace(smoothed(replayed, file, own, initial_pose(recorded_run), backend), name=path.stem)
+        write_run(replayed, path)
     talk(note("cli.run", path=path))
-    several = [recorded, again] if recorded.estimate is not None else [again]
-    compared = compare(several, alignment=align)
-    answer(compared, as_json)
-    options.advise_to_fit(compared, [recorded] * len(several), named, folder)
+    several = [recorded_run, replayed] if recorded_run.estimate is not None else [replayed]
+    comparison = compare(several, alignment=align)
+    answer(comparison, as_json)
+    options.advise_to_fit(comparison, [recorded_run] * len(several), vehicle_options, folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        beside = recorded if recorded.estimate is not None else None
-        talk(note("cli.report", page=page_of_run(again, align, beside).save(page)))
+        original = recorded_run if recorded_run.estimate is not None else None
+        talk(note("cli.report", page=page_of_run(replayed, align, original).save(page)))
     if shown:
-        live.show_both(path, recorded.path, folder)
-    if not _same(stop_of(again), stop_of(recorded)):  # a stop that was recorded is replayed with the rest
-        options.ended(again, path)
+        live.show_both(path, recorded_run.path, folder)
+    # a stop that was recorded is replayed with the rest
+    if not _same(stop_of(replayed), stop_of(recorded_run)):
+        options.ended(replayed, path)
     else:
-        options.warned(again)
+        options.warned(replayed)
 
 
-def _same(stop: "Diagnostic | None", recorded: "Diagnostic | None") -> bool:
+def _same(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:
     """Return True where both stops say the same; one that was recorded before there were codes has its words alone."""
     from baqueano.messages import text
 
-    return stop == recorded or text(stop) == text(recorded)
+    return stop == recorded_stop or text(stop) == text(recorded_stop)

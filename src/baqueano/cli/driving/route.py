@@ -79,11 +79,11 @@ def check(
 
     file = options.load_vehicle(vehicle, settings)
     report = examine(options.find_route(route), file, walls(file, room, start), backend=backend)
-    report = replace(report, findings=tuple(named(one, route) for one in report.findings))
+    report = replace(report, findings=tuple(named(finding, route) for finding in report.findings))
     answer(report, as_json)
-    for one in report.findings:
-        if one.severity == Severity.ERROR:
-            raise AnswerNo(one)
+    for finding in report.findings:
+        if finding.severity == Severity.ERROR:
+            raise AnswerNo(finding)
 
 
 @command.command("draw", help=f"Store a shape as route NAME: {', '.join(SHAPES)}.")
@@ -154,8 +154,8 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
 
     if rms_m is not None and max_m is not None:
         raise UsageError(fault("cli.two-tolerances"))
-    how = (0.05 if max_m is None else max_m, "max") if rms_m is None else (rms_m, "rms")
-    edited(route, "smooth", name, as_json, lambda one: smooth(one, *how))  # pyright: ignore[reportArgumentType]
+    limit = (0.05 if max_m is None else max_m, "max") if rms_m is None else (rms_m, "rms")
+    edited(route, "smooth", name, as_json, lambda original: smooth(original, *limit))  # pyright: ignore[reportArgumentType]
 
 
 @command.command("cut", help="Keep the part of ROUTE between two distances along it [m].")
@@ -176,7 +176,7 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
 def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json: bool) -> None:
     from baqueano.routes import cut
 
-    edited(route, "cut", name, as_json, lambda one: cut(one, from_m, to_m))
+    edited(route, "cut", name, as_json, lambda original: cut(original, from_m, to_m))
 
 
 @command.command("join", help="Join two routes: first ROUTE, then OTHER from the end of ROUTE.")
@@ -187,7 +187,13 @@ def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json
 def join(route: str, other: str, name: str | None, as_json: bool) -> None:
     from baqueano.routes import join
 
-    edited(route, f"{Path(other).stem}", name, as_json, lambda one: join(one, options.find_route(other)))
+    edited(
+        route,
+        f"{Path(other).stem}",
+        name,
+        as_json,
+        lambda original: join(original, options.find_route(other)),
+    )
 
 
 @command.command("reverse", help="Reverse the direction of ROUTE.")
@@ -198,7 +204,7 @@ def join(route: str, other: str, name: str | None, as_json: bool) -> None:
 def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
     from baqueano.routes import reverse
 
-    edited(route, "reverse", name, as_json, lambda one: reverse(one, backing))
+    edited(route, "reverse", name, as_json, lambda original: reverse(original, backing))
 
 
 @command.command("scale", help="Make ROUTE larger or smaller at the same speed.")
@@ -209,7 +215,7 @@ def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
 def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
     from baqueano.routes import scale
 
-    edited(route, "scale", name, as_json, lambda one: scale(one, factor))
+    edited(route, "scale", name, as_json, lambda original: scale(original, factor))
 
 
 @command.command(
@@ -242,10 +248,10 @@ def faster(
     from baqueano.routes import at_speed, fastest
 
     if speed_m_s is not None:
-        return edited(route, "speed", name, as_json, lambda one: at_speed(one, speed_m_s))
+        return edited(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
     file = options.load_vehicle(vehicle, settings)
     limits: JsonObject = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
-    edited(route, "fast", name, as_json, lambda one: fastest(one, file, **limits))
+    edited(route, "fast", name, as_json, lambda original: fastest(original, file, **limits))
 
 
 def drivable(
@@ -254,13 +260,13 @@ def drivable(
     """Refuse a route that may not be driven before a run is begun, with the name of its file, and tell its warnings."""
     from baqueano.drive.safety.route_check import warnings_of
 
-    how = {"measured": options.measured(file, robot), "anyway": anyway, "backend": backend}
+    conditions = {"measured": options.measured(file, robot), "anyway": anyway, "backend": backend}
     try:
-        warnings = warnings_of(route, file, room, **how)
+        warnings = warnings_of(route, file, room, **conditions)
     except AnswerNo as error:
         raise AnswerNo(named(error.diagnostic, name)) from error
-    for one in warnings:
-        talk(note("cli.warning", cause=named(one, name)))
+    for warning in warnings:
+        talk(note("cli.warning", cause=named(warning, name)))
 
 
 def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: str) -> "Route":
@@ -307,10 +313,10 @@ def named(finding: Diagnostic, route: str) -> Diagnostic:
 def edited(route: str, verb: str, name: str | None, as_json: bool, edit: "Callable[[Route], Route]") -> None:
     """Store what an edit makes of a route, as NAME-verb if no other name is given."""
     try:
-        made = edit(options.find_route(route))
+        result = edit(options.find_route(route))
     except UsageError as error:
         raise UsageError(named(error.diagnostic, route)) from error
-    stored(made, name or f"{Path(route).stem}-{verb}", as_json)
+    stored(result, name or f"{Path(route).stem}-{verb}", as_json)
 
 
 def stored(route: "Route", name: str, as_json: bool) -> None:

@@ -132,10 +132,13 @@ def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
     ledger = ledger_of(run, file)
     for row in ledger.rows:
         talk(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
-        for one in row.noticed:
+        for notice in row.noticed:
             talk(
                 note(
-                    "ledger.noticed", who=note(f"ledger.who-{one.who}"), after_s=one.after_s, said=one.message
+                    "ledger.noticed",
+                    who=note(f"ledger.who-{notice.who}"),
+                    after_s=notice.after_s,
+                    said=notice.message,
                 )
             )
         if (nobody := ledger.nobody(row)) is not None:

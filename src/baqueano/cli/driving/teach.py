@@ -101,21 +101,21 @@ def command(
     talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot) if driver == "keys" else options.ended(run, path)
     try:
-        taught = route_of(run, closed)
+        taught_route = route_of(run, closed)
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
         slower = typed("teach", route, "--driver", driver, "--speed", "0.2", *options.naming(file))
-        why = fault("cli.not-followed", slower, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic)
-        raise AnswerNo(why) from None
+        reason = fault("cli.not-followed", slower, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic)
+        raise AnswerNo(reason) from None
     if options.route_path(route).exists():
         talk(note("cli.route-replaced", path=options.route_path(route)))
-    answer(LessonResult(taught, write_route(taught, options.route_path(route)), path), as_json)
+    answer(LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json)
     if driver == "keys":
         talk(scales_from_marks(run, file, None)[0])
-    named = options.naming(file)
-    tune = typed("tune", "--route", route, *named, "--update")
-    talk(note("cli.taught", repeat=typed("repeat", route, *named), tune=tune))
+    vehicle_options = options.naming(file)
+    tune = typed("tune", "--route", route, *vehicle_options, "--update")
+    talk(note("cli.taught", repeat=typed("repeat", route, *vehicle_options), tune=tune))
 
 
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
@@ -131,8 +131,8 @@ def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
 
 def _no_driver(name: str) -> UsageError:
     """Return the error for a name that is not a shape or a stored route."""
-    stored = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
-    near = nearest(name, [*SHAPES, "keys", *stored])
+    stored_names = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
+    near = nearest(name, [*SHAPES, "keys", *stored_names])
     return UsageError(fault("cli.driver-unknown", found=name, near=near))
 
 

@@ -20,10 +20,11 @@ from baqueano.printable import typed
 def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_json: bool) -> None:
     from baqueano.compare import compare
 
-    loaded = options.find_runs(runs, folder)
-    compared, named = compare(loaded, alignment=align, skip_s=skip_s), options.naming_own(folder)
-    answer(compared, as_json, laps=compared.laps())
-    options.advise_to_fit(compared, loaded, named, folder)
-    if (without := [run for run in loaded if run.estimate is None]) and not as_json:
+    loaded_runs = options.find_runs(runs, folder)
+    comparison = compare(loaded_runs, alignment=align, skip_s=skip_s)
+    vehicle_options = options.naming_own(folder)
+    answer(comparison, as_json, laps=comparison.laps())
+    options.advise_to_fit(comparison, loaded_runs, vehicle_options, folder)
+    if (without := [run for run in loaded_runs if run.estimate is None]) and not as_json:
         name, own = without[0].path or without[0].name, options.naming_own(folder, without[0])
         talk(note("cli.no-estimate", fix=typed("replay", name, *own), run=without[0].name))

@@ -26,9 +26,9 @@ def command(
 
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file)
-    taught = options.find_route(route)
+    taught_route = options.find_route(route)
     with busy(note("cli.driving-ahead", laps=laps)):
-        ahead = corridor_ahead(file, taught, laps, backend)
+        ahead = corridor_ahead(file, taught_route, laps, backend)
     answer(ahead, as_json)
     if page is not None:
         from baqueano.report.of_run import page_of_run

@@ -124,59 +124,59 @@ def command(
     from baqueano.identify.dataset import unused
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
-    _named(table)
+    _check_table(table)
     lap = _lap(how["route"])
-    recorded, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
+    fit_runs, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
     settings_of_fit: JsonObject = _fit_arguments(how, backend)
     file = _with_tolerances(
-        options.load_vehicle(vehicle, settings), how["tolerance"], recorded, settings_of_fit
+        options.load_vehicle(vehicle, settings), how["tolerance"], fit_runs, settings_of_fit
     )
     if not settings_of_fit["use"]:
-        for message in unused(recorded, file):
+        for message in unused(fit_runs, file):
             talk(message)
     if parameter_history:
-        return _over_time(recorded, file, settings_of_fit, table, page, update, as_json)
-    span = sum(r.duration_s for r in recorded)
+        return _over_time(fit_runs, file, settings_of_fit, table, page, update, as_json)
+    span = sum(r.duration_s for r in fit_runs)
     with steps() as begin:
-        say = begin(note("cli.fitting-span", runs=len(recorded), span_s=span))
+        say = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span))
         say.text = text(note("cli.translating"))
         result: Any = (
-            _chosen(recorded, file, settings_of_fit, validation_runs, begin)
+            _selection(fit_runs, file, settings_of_fit, validation_runs, begin)
             if choose
-            else identify(recorded, file, say=say, **settings_of_fit)
+            else identify(fit_runs, file, say=say, **settings_of_fit)
         )
     fit = result.fit if choose else result
-    judged = _judged(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
-    ahead = _predicted(fit, recorded, lap, how["route"])
+    validation = _validation(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
+    ahead = _forecast(fit, fit_runs, lap, how["route"])
     if as_json or page is None:
         answer(
-            result, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [],
+            result, as_json, _more_rows(fit, validation), forecast=ahead.rows() if ahead else [],
             findings=list(map(row_of, fit.findings)),
         )  # fmt: skip
     else:
         tell(result.table(reported=True))
-    for beside in filter(None, (judged, ahead) if not as_json else ()):
-        tell(beside.table())
-    _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
+    for result_part in filter(None, (validation, ahead) if not as_json else ()):
+        tell(result_part.table())
+    _save_table(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.printable import typed
         from baqueano.report.fit_report import page_of_fit
 
         with busy(note("cli.drawing")):
-            whole = page_of_fit(fit, held_out=judged, ahead=ahead)
+            whole = page_of_fit(fit, held_out=validation, ahead=ahead)
             whole = replace(whole, reproduce=typed(*sys.argv[1:]))
-            written = whole.save(page)
-        talk(note("cli.report", page=written))
+            report_path = whole.save(page)
+        talk(note("cli.report", page=report_path))
     if say.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refused(fit.reasons, page))
-    if judged is not None and judged.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refused(judged.reasons, page, held_out=True))
-    fitted = fit.vehicle_file
+        raise AnswerNo(_refusal(fit.reasons, page))
+    if validation is not None and validation.verdict == Verdict.REFUSED:
+        raise AnswerNo(_refusal(validation.reasons, page, held_out=True))
+    output = fit.vehicle_file
     if not no_noise:
-        fitted = _with_noise(fit, recorded, validation_runs, backend).updated(fitted, ", ".join(fit.runs))
-    options.kept(fitted, update)
+        output = _with_noise(fit, fit_runs, validation_runs, backend).updated(output, ", ".join(fit.runs))
+    options.kept(output, update)
 
 
 def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
@@ -184,11 +184,11 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
     from baqueano.errors import UsageError
 
     if parameter_history and (choose or with_validation):
-        other = "--choose" if choose else "--held-out"
-        raise UsageError(fault("cli.options-conflict", other=other))
+        conflict = "--choose" if choose else "--held-out"
+        raise UsageError(fault("cli.options-conflict", other=conflict))
 
 
-def _refused(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
+def _refusal(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
     """Return why a fit is refused; the report on `page` shows the data where one was asked for."""
     from baqueano.messages import grouped
 
@@ -197,7 +197,7 @@ def _refused(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bo
     return fault(code, reasons="; ".join(grouped(reasons)[:2]), data=data)
 
 
-def _named(table: Path | None) -> None:
+def _check_table(table: Path | None) -> None:
     """UsageError before the work, where --table has an ending that is not written."""
     if table is not None:
         from baqueano.report.tables import suffix_of
@@ -212,7 +212,7 @@ def _lap(route: str | None) -> "Route | None":
     return None if route is None else shape_or_route(route, 0.25, 1.0)
 
 
-def _predicted(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
+def _forecast(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
     """Return the forecast of a drive by the errors of the fit; None where it knows nothing of the model."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
@@ -220,47 +220,47 @@ def _predicted(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | N
     try:
         with busy(note("cli.predicting")):
             return forecast(fit, runs, lap, name or "")
-    except UsageError as why:
+    except UsageError as error:
         if name is not None and fit.verdict != Verdict.REFUSED:
-            talk(why.diagnostic)
+            talk(error.diagnostic)
         return None
 
 
-def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
+def _more_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
     """For --json: what was asked for run by run, and the figures of unseen runs."""
     from baqueano.identify.result.fit_result import requested
 
     own = [row for row in fit.run_by_run() if requested(row["name"])]
-    if judged is None:
+    if validation is None:
         return own
 
-    reasons, outside = (list(map(row_of, table)) for table in (judged.reasons, judged.outside))
+    reasons, outside = (list(map(row_of, table)) for table in (validation.reasons, validation.outside))
     summary = {
-        "verdict": judged.verdict, "sentence": judged.sentence, "reasons": reasons, "outside": outside,
+        "verdict": validation.verdict, "sentence": validation.sentence, "reasons": reasons, "outside": outside,
     }  # fmt: skip
     return [
         *own,
-        *({"name": "held_out", **row} for row in judged.rows()),
+        *({"name": "held_out", **row} for row in validation.rows()),
         {"name": "held_out_verdict", **summary},
     ]
 
 
-def _fit_arguments(how: "JsonObject", backend: str) -> "JsonObject":
+def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
     """Return the keywords of `identify`."""
     from baqueano.identify import FitOptions
 
     options = FitOptions(
-        fixed=how["fix"],
-        bounds=dict(map(bounded, how["bound"])),
-        per_run=how["per_run"],
-        clocks=how["clock"],
-        segment_s=how["segment"],
-        speed_noise=how["speed_noise"],
-        cost=how["cost"],
-        measured=how["measured"],
+        fixed=values["fix"],
+        bounds=dict(map(bounded, values["bound"])),
+        per_run=values["per_run"],
+        clocks=values["clock"],
+        segment_s=values["segment"],
+        speed_noise=values["speed_noise"],
+        cost=values["cost"],
+        measured=values["measured"],
         backend=backend,
     )
-    return {"free": how["free"] or None, "use": how["use"] or None, "options": options}
+    return {"free": values["free"] or None, "use": values["use"] or None, "options": options}
 
 
 def _with_tolerances(
@@ -273,23 +273,23 @@ def _with_tolerances(
 
     if not tolerances:
         return file
-    other = _other(arguments)
-    if other or not imu_is_all(file, runs, arguments["use"], arguments["free"]):
-        code = "cli.tolerance-beside" if other else "cli.tolerance-unused"
-        raise UsageError(fault(code, "--use imu", given=tolerances[0], other=other[:1]))
+    conflicts = _plain_options(arguments)
+    if conflicts or not imu_is_all(file, runs, arguments["use"], arguments["free"]):
+        code = "cli.tolerance-beside" if conflicts else "cli.tolerance-unused"
+        raise UsageError(fault(code, "--use imu", given=tolerances[0], other=conflicts[:1]))
     parts = {}
-    for one in tolerances:
-        key, _, part = one.partition("=")
+    for tolerance in tolerances:
+        key, _, part = tolerance.partition("=")
         try:
             parts[key] = float(part.rstrip("%")) * (0.01 if part.endswith("%") else 1.0)
         except ValueError as error:
             raise UsageError(
-                fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", found=one)
+                fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", found=tolerance)
             ) from error
     return with_tolerance(file, parts)
 
 
-def _chosen(
+def _selection(
     runs: "list[Run]",
     file: "VehicleFile",
     arguments: "JsonObject",
@@ -301,7 +301,7 @@ def _chosen(
     from baqueano.identify.imu_only import imu_is_all
     from baqueano.identify.selection.selection import choose
 
-    if more := _other(arguments):
+    if more := _plain_options(arguments):
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
     if imu_is_all(file, runs, arguments["use"], arguments["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
@@ -314,7 +314,7 @@ def _chosen(
     )
 
 
-def _other(arguments: "JsonObject") -> list[str]:
+def _plain_options(arguments: "JsonObject") -> list[str]:
     """Return the options of the command line that only a plain fit takes."""
     return [_OPTIONS[name] for name in arguments["options"].changed if name in _OPTIONS]
 
@@ -329,7 +329,7 @@ _OPTIONS = {
 }
 
 
-def _judged(fit: "Fit", validation_runs: "list[Run]") -> Any:
+def _validation(fit: "Fit", validation_runs: "list[Run]") -> Any:
     """The fit on runs that it has not seen; None without any."""
     if not validation_runs:
         return None
@@ -349,12 +349,12 @@ def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", bac
         noise = measure_noise(fit, runs, held_out=validation_runs, backend=backend)
     if validation_runs and noise.source == "truth":
         with busy(note("cli.trying-noise")):
-            other = measure_noise(fit, runs, source="innovations", backend=backend)
-            by_source = {noise.source: noise, other.source: other}
+            innovation_noise = measure_noise(fit, runs, source="innovations", backend=backend)
+            by_source = {noise.source: noise, innovation_noise.source: innovation_noise}
             try:
                 comparison = compare_noise(fit, by_source, validation_runs, backend)
-            except UsageError as why:
-                talk(why.diagnostic)
+            except UsageError as error:
+                talk(error.diagnostic)
             else:
                 talk(comparison.table())
                 noise = by_source[comparison.best]
@@ -371,7 +371,7 @@ def _over_time(
     with steps() as begin:
         drift = parameter_history(runs, file, say=begin, **arguments)
     answer(drift, as_json)
-    _written(drift, file, table, f"{file.name} over {len(runs)} runs")
+    _save_table(drift, file, table, f"{file.name} over {len(runs)} runs")
     if page is not None:
         from baqueano.report.drift_report import page_of_drift
 
@@ -379,7 +379,7 @@ def _over_time(
     options.kept(drift.vehicle_file, update)
 
 
-def _written(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
+def _save_table(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
     if table is not None:
         from baqueano.identify.data.record import FittedBlocks
         from baqueano.report.tables import save_table

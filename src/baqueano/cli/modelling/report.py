@@ -53,19 +53,19 @@ def command(
 
     mm = _width(width)
     if mm is not None and figures is None:
-        again = typed("report", run, "--figures", "figures", "--width", width)
-        raise UsageError(fault("cli.width-unused", again, width=width))
+        correction = typed("report", run, "--figures", "figures", "--width", width)
+        raise UsageError(fault("cli.width-unused", correction, width=width))
     moves = None if animation is None else picture_file(animation)
 
-    loaded = options.find_runs((run,), folder)[0]
+    loaded_run = options.find_runs((run,), folder)[0]
     with busy(note("cli.drawing")):
-        path = out if out is not None else Path(f"{loaded.name}.html")
-        page = report(loaded, path, alignment=align)
+        path = out if out is not None else Path(f"{loaded_run.name}.html")
+        page = report(loaded_run, path, alignment=align)
         files = [] if figures is None else page.save_figures(figures, file_format, mm)
         if moves is not None:
-            files.append(save_text(moves, moving_picture(scene(loaded))))
-    for written in (path, *files):
-        tell(str(written))
+            files.append(save_text(moves, moving_picture(scene(loaded_run))))
+    for saved_path in (path, *files):
+        tell(str(saved_path))
 
 
 def _width(argument: str | None) -> str | float | None:

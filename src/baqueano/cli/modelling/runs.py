@@ -97,10 +97,10 @@ def recover(run: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.folder import find
     from baqueano.runs.recover import recover
 
-    saved = recover(find(run, folder), out)
-    for message in saved.notes:
+    recovery = recover(find(run, folder), out)
+    for message in recovery.notes:
         talk(message)
-    tell(note("cli.recovered", path=saved.path, duration_s=saved.run.duration_s))
+    tell(note("cli.recovered", path=recovery.path, duration_s=recovery.run.duration_s))
 
 
 A_MAP = """A map, as rover.toml, and then: baqueano runs import rover.toml log.csv -o rover.mcap
@@ -153,43 +153,47 @@ def import_(
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     if draft is not None:
-        return _drafted(map, draft)
+        return _draft_map(map, draft)
     from baqueano.runs import write_run
     from baqueano.runs.importing import ImportedRuns, import_runs
 
     own = options.load_vehicle(vehicle, settings) if vehicle else None
     text = "" if own is None else own.text
-    named = options.naming_own(folder) if own is None else options.naming(own, folder)
-    one = files[0].name if files else map
+    vehicle_options = options.naming_own(folder) if own is None else options.naming(own, folder)
+    first_name = files[0].name if files else map
     with busy(
-        note("cli.reading-files", count=len(files)) if len(files) > 1 else note("cli.reading", name=one)
+        note("cli.reading-files", count=len(files))
+        if len(files) > 1
+        else note("cli.reading", name=first_name)
     ):
-        imported = import_runs(map, list(files) or None, text)
-    if len(imported) == 1:
-        alone = out is None or out.suffix
+        imports = import_runs(map, list(files) or None, text)
+    if len(imports) == 1:
+        single_file = out is None or out.suffix
         to = (
-            options.run_path(out, folder, Path(map).stem) if alone else _in(out, folder, imported[0].run.name)
+            options.run_path(out, folder, Path(map).stem)
+            if single_file
+            else _in(out, folder, imports[0].run.name)
         )
-        path = write_run(imported[0].run, to)
-        answer(Written(path, imported[0]), as_json)
-        _next(path.stem if out is None else str(path), named=named)
+        path = write_run(imports[0].run, to)
+        answer(Written(path, imports[0]), as_json)
+        _next(path.stem if out is None else str(path), vehicle_options=vehicle_options)
         return
-    written = [write_run(one.run, _in(out, folder, one.run.name)) for one in imported]
+    paths = [write_run(imported_run.run, _in(out, folder, imported_run.run.name)) for imported_run in imports]
     talk(
         note(
             "cli.imported",
-            count=len(written),
-            first=written[0],
-            last=written[-1],
-            duration_s=sum(i.run.duration_s for i in imported),
+            count=len(paths),
+            first=paths[0],
+            last=paths[-1],
+            duration_s=sum(i.run.duration_s for i in imports),
         )
     )
-    answer(ImportedRuns(tuple(imported)), as_json)
-    first, last = (path.stem if out is None else str(path) for path in (written[0], written[-1]))
-    _next(first, "--held-out", last, named=named)
+    answer(ImportedRuns(tuple(imports)), as_json)
+    first, last = (path.stem if out is None else str(path) for path in (paths[0], paths[-1]))
+    _next(first, "--held-out", last, vehicle_options=vehicle_options)
 
 
-def _drafted(recording: str, to: Path) -> None:
+def _draft_map(recording: str, to: Path) -> None:
     """Write the draft of a map for a recording."""
     from baqueano.errors import FileError
     from baqueano.runs.importing.draft import draft
@@ -200,8 +204,8 @@ def _drafted(recording: str, to: Path) -> None:
     tell(note("cli.drafted", fix=typed("runs", "import", to, recording), path=to))
 
 
-def _next(*runs: str, named: list[str]) -> None:
-    talk(note("cli.next-fit", fix=typed("identify", *runs, *named, "--update")))
+def _next(*runs: str, vehicle_options: list[str]) -> None:
+    talk(note("cli.next-fit", fix=typed("identify", *runs, *vehicle_options, "--update")))
 
 
 class Written(NamedTuple):
@@ -281,17 +285,17 @@ def calibrate(
     from baqueano.identify.sensor_calibration import calibrate
     from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 
-    file, recorded = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
-    if turns is not None or turned_by_hand(recorded):
-        calibration = by_hand(recorded, file, turns)
+    file, recorded_run = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
+    if turns is not None or turned_by_hand(recorded_run):
+        calibration = by_hand(recorded_run, file, turns)
     else:
         with busy(note("cli.comparing")):
-            calibration = calibrate(recorded, file)
+            calibration = calibrate(recorded_run, file)
     answer(calibration, as_json)
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 
-        write_mount(map_, recorded, *calibration.mount(file))
+        write_mount(map_, recorded_run, *calibration.mount(file))
         talk(note("cli.mount-written", fix=typed("runs", "import", str(map_), "RECORDING"), path=map_))
     options.kept(calibration.updated(file), update)
 
@@ -318,9 +322,9 @@ def calibrate(
 def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.export import export_csv, export_tum
 
-    loaded = options.find_runs((run,), folder)[0]
-    path = out if out is not None else Path(f"{loaded.name}.{to}")
-    tell(str(export_csv(loaded, path, decimal) if to == "csv" else export_tum(loaded, path, which)))
+    loaded_run = options.find_runs((run,), folder)[0]
+    path = out if out is not None else Path(f"{loaded_run.name}.{to}")
+    tell(str(export_csv(loaded_run, path, decimal) if to == "csv" else export_tum(loaded_run, path, which)))
 
 
 @command.command(
@@ -352,9 +356,9 @@ def noise(
 ) -> None:  # fmt: skip
     from baqueano.identify.noise.at_rest import at_rest
 
-    recorded = options.find_runs((run,), folder)[0]
+    recorded_run = options.find_runs((run,), folder)[0]
     with busy(note("cli.averaging")):
-        rest = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
+        rest = at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
     answer(rest, as_json)
     if page is not None:
         from baqueano.report.rest_report import page_of_rest
@@ -380,13 +384,13 @@ def wear(
     from baqueano.identify import FitOptions
     from baqueano.identify.parameter_drift import Drift, parameter_history
 
-    recorded, how = options.find_runs(runs, folder), FitOptions(backend=backend)
+    recorded_runs, fit_options = options.find_runs(runs, folder), FitOptions(backend=backend)
     with steps() as begin:
-        followed = parameter_history(
-            recorded, options.load_vehicle(vehicle, settings), options=how, say=begin
+        history = parameter_history(
+            recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, say=begin
         )
-    answer(Drift(followed), as_json)
+    answer(Drift(history), as_json)
     if page is not None:
         from baqueano.report.drift_report import page_of_drift
 
-        talk(note("cli.report", page=page_of_drift(followed).save(page)))
+        talk(note("cli.report", page=page_of_drift(history).save(page)))

@@ -52,11 +52,11 @@ def command(
             many = simulate_many(file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend)
         answer(many, as_json)
         return
-    driven = file if model else file.truth
-    if driven is not file:
+    simulated_file = file if model else file.truth
+    if simulated_file is not file:
         talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     with busy(note("cli.simulating", seconds=seconds)):
-        run = replace(simulate(driven, u, seed, backend=backend), vehicle_text=file.text)
+        run = replace(simulate(simulated_file, u, seed, backend=backend), vehicle_text=file.text)
         path = write_run(run, options.run_path(out, folder, "simulation"))
     talk(note("cli.run", path=path))
     answer(show(options.find_runs((str(path),), folder)[0]), as_json)

@@ -45,8 +45,8 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
     if not as_json:
         tell(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
     with busy(note("cli.drawing")):
-        written = page_of_paper(result, models, backend).save(page or Path("study-paper.html"))
-    talk(note("cli.report", page=written))
+        report_path = page_of_paper(result, models, backend).save(page or Path("study-paper.html"))
+    talk(note("cli.report", page=report_path))
 
 
 @command.command(
@@ -88,15 +88,17 @@ def identification(
     from baqueano.study.identification.trials import CASES
     from baqueano.sweep.workers import processors
 
-    if unknown := [case for case in cases if case not in CASES]:
-        raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
+    if unknown_cases := [case for case in cases if case not in CASES]:
+        raise UsageError(
+            fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
+        )
     with progress(note("cli.study-identification", seeds=seeds), seeds) as each:
         result = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
     answer(result, as_json)
     with busy(note("cli.drawing")):
         whole = replace(page_of_identification(result), reproduce=typed(*sys.argv[1:]))
-        written = whole.save(page or Path("study-identification.html"))
-    talk(note("cli.report", page=written))
+        report_path = whole.save(page or Path("study-identification.html"))
+    talk(note("cli.report", page=report_path))
     if result.seeds < seeds:
         raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seeds))
 
@@ -234,8 +236,8 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
     with steps() as begin:
         study = None if missing_of(files_of(MAPS)) else cross_validate(backend, begin)
     with busy(note("cli.drawing")):
-        written = page_of_recordings(result, study).save(page or Path("study-recordings.html"))
-    talk(note("cli.report", page=written))
+        report_path = page_of_recordings(result, study).save(page or Path("study-recordings.html"))
+    talk(note("cli.report", page=report_path))
 
 
 @command.command(
@@ -278,8 +280,8 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     with progress(note("cli.study-first-drives", seeds=seeds), seeds) as each:
         result = first_drives(seeds, seed, processors(), backend, each)
     answer(result, as_json)
-    if (done := sum(row.drives for row in result.each)) < seeds:
-        raise Interruption(fault("cli.study-interrupted", done=done, asked=seeds))
+    if (count := sum(row.drives for row in result.each)) < seeds:
+        raise Interruption(fault("cli.study-interrupted", done=count, asked=seeds))
 
 
 @command.command(
@@ -330,8 +332,10 @@ def estimation(
     from baqueano.study.estimation import CASES, estimation
     from baqueano.sweep.workers import processors
 
-    if unknown := [case for case in cases if case not in CASES]:
-        raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
+    if unknown_cases := [case for case in cases if case not in CASES]:
+        raise UsageError(
+            fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
+        )
     with steps() as begin:
         result = estimation(seeds, backend, begin, cases or CASES, kinds, processors())
     answer(result, as_json)
@@ -365,5 +369,5 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
         with steps() as begin:
             result = with_recordings(result, backend, begin)
     answer(result, as_json)
-    if (done := result.vehicles + len(result.refused)) < vehicles:
-        raise Interruption(fault("cli.study-interrupted", done=done, asked=vehicles))
+    if (count := result.vehicles + len(result.refused)) < vehicles:
+        raise Interruption(fault("cli.study-interrupted", done=count, asked=vehicles))

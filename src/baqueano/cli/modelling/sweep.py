@@ -96,18 +96,20 @@ def command(
     if runs:
         over = options.find_runs(runs, folder)
         file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
-        named = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        start, drives = partial(start, over, vehicle=file, routes=named), len(over)
+        named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
+        start, drives = partial(start, over, vehicle=file, routes=named_routes), len(over)
     else:
         file = options.load_vehicle(vehicle, settings)
-        named = {name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)}
-        given = {
-            "routes": named,
+        named_routes = {
+            name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)
+        }
+        arguments = {
+            "routes": named_routes,
             "seeds": range(seed, seed + seeds),
             "laps": laps,
             "start": (0.0, aside_m, 0.0),
         }
-        start, drives = partial(start, file, **given), len(named) * seeds
+        start, drives = partial(start, file, **arguments), len(named_routes) * seeds
     for room, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
         for kind in kinds:
             options.own_block(file, room, kind)
@@ -117,7 +119,7 @@ def command(
     answer(result, as_json, cells=result.cells())
     if page is not None:
         with busy(note("cli.drawing")):
-            written = page_of_sweep(result, reproduce=typed(*sys.argv[1:])).save(page)
-        talk(note("cli.report", page=written))
+            report_path = page_of_sweep(result, reproduce=typed(*sys.argv[1:])).save(page)
+        talk(note("cli.report", page=report_path))
     if len(result.drives) < result.requested:
         raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.requested))

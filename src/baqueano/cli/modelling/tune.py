@@ -107,7 +107,7 @@ def command(
     controller = options.own_block(file, "controller", controller)
     paths = [shape_or_route(route, speed_m_s, size_m) for route in routes]
     with busy(note("cli.tuning")):
-        tuned = tune(
+        result = tune(
             file,
             paths,
             controller=controller,
@@ -121,7 +121,7 @@ def command(
             seed=seed,
             backend=backend,
         )
-    answer(tuned, as_json)
-    options.kept(tuned.applied(), update)
+    answer(result, as_json)
+    options.kept(result.applied(), update)
     if routes[0] in SHAPES:
         talk(note("cli.tuned", fix="baqueano tune --route NAME", route=routes[0], speed_m_s=speed_m_s))

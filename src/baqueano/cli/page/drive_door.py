@@ -60,7 +60,7 @@ class DriveDoor:
         self.operator, self.pace, self.by_hand = Operator(), PacedClock(pace), by_hand
         self.listens, self.visited = threading.Event(), threading.Event()
         self._file, self._world = file, world
-        self._state, self._why = DoorState.READY, None
+        self._state, self._reason = DoorState.READY, None
         self._mission: Mission | None = None
         self._record: Record | None = None
         self._published_s = float("-inf")
@@ -97,8 +97,10 @@ class DriveDoor:
 
     def here(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
         """Return the options of a drive in this process, so that the page shows it and time passes at its pace."""
-        started = {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
-        given = started | given
+        start_options = (
+            {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
+        )
+        given = start_options | given
         if "world" not in given:
             world_options = ("truth", "seed", "eta", "backend")
             given["world"] = Conditions(**{k: given[k] for k in world_options if k in given}).world_of(file)
@@ -128,10 +130,10 @@ class DriveDoor:
             replies += [{"do": "mark"}] * self.operator.marked()
             if self.operator.done:
                 raise KeyboardInterrupt
-            why = self.operator.why(self.by_hand)
-            if why is not None and not stopped:
+            stop_reason = self.operator.why(self.by_hand)
+            if stop_reason is not None and not stopped:
                 stopped = True
-                replies.append({"do": "stop", "why": why})
+                replies.append({"do": "stop", "why": stop_reason})
             watching = True
             return replies
 
@@ -143,22 +145,22 @@ class DriveDoor:
         if not at_once and now_s - self._published_s < TELL_S:
             return
         self._published_s = now_s
-        paced = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
+        pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
         self._door.tell({
-            "is": "state", "state": str(self._state), "why": self._why, "run": None, "world": self._world,
-            "battery_v": None, **paced, **drive_words(self._mission, self._file.rate_hz, self._record),
+            "is": "state", "state": str(self._state), "why": self._reason, "run": None, "world": self._world,
+            "battery_v": None, **pace_fields, **drive_words(self._mission, self._file.rate_hz, self._record),
         })  # fmt: skip
 
     def drives(self, mission: "Mission | None", why: Diagnostic | None = None) -> None:
         """A drive begins, or has ended."""
-        self._mission, self._record, self._why = mission, None, why
-        driven = (
+        self._mission, self._record, self._reason = mission, None, why
+        manual_state = (
             DoorState.MANUAL
             if mission is not None and mission.kind in BY_HAND and mission.route is None
             else None
         )
         at_rest = DoorState.READY if why is None else DoorState.STOPPED
-        self._state = at_rest if mission is None else driven or DoorState.MISSION
+        self._state = at_rest if mission is None else manual_state or DoorState.MISSION
         self.publish(at_once=True)
 
     def look(self, record: Record, truth: "Motion") -> None:
@@ -195,11 +197,11 @@ class DriveDoor:
             self.visited.set()
 
     def _stop(self, guest: object, message: "JsonObject") -> "JsonObject":
-        why = Diagnostic.of_json(message["why"])
+        reason = Diagnostic.of_json(message["why"])
         if self._robot is not None:  # at once, from this thread
-            self._robot.say(do="stop", why=why)
+            self._robot.say(do="stop", why=reason)
         else:
-            self.operator.stop(why)
+            self.operator.stop(reason)
         return {"is": "heard", "do": "stop"}
 
     def _set(self, guest: object, message: "JsonObject") -> "JsonObject":
@@ -220,8 +222,8 @@ class DriveDoor:
                 self.pace.set(float(message["factor"]))
         self.publish(at_once=True)
 
-    def _end(self, name: str, why: Diagnostic, code: int) -> None:
-        self._door.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
+    def _end(self, name: str, reason: Diagnostic, code: int) -> None:
+        self._door.tell({"is": "done", "id": name, "run": None, "why": reason, "code": code})
 
 
 class _PageObserver(Observer):

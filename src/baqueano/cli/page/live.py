@@ -110,11 +110,11 @@ def _join(door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
 
     assert program.stdin is not None
     assert program.stdout is not None
-    ours, theirs = socket.socketpair()
+    near_end, far_end = socket.socketpair()
     threading.Thread(
-        target=join, args=(ours, program.stdout, program.stdin), name="page", daemon=True
+        target=join, args=(near_end, program.stdout, program.stdin), name="page", daemon=True
     ).start()
-    door.welcome(theirs)
+    door.welcome(far_end)
 
 
 def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[bytes]") -> None:

@@ -33,8 +33,8 @@ class PageOfDrives:
         """Show how the cost fell, and the gains before and after."""
         costs = list(accumulate(result.history[:, 1].tolist(), min))
         gains = [
-            {"name": one.name, "unit": one.unit, "before": one.before, "value": one.value}
-            for one in result.gains
+            {"name": gain.name, "unit": gain.unit, "before": gain.before, "value": gain.value}
+            for gain in result.gains
         ]
         around = {"cost": result.cost, "before": result.cost_before, "gains": gains}
         self._send({"tuned": around | {"history": costs[:: max(1, len(costs) // POINTS)]}})

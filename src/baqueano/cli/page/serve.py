@@ -36,19 +36,19 @@ def command(
     run: str | None, vehicle: str | None, robot: str | None, pace: float, seed: int | None, folder: str, port: int,
     share: bool, address: str, browser: bool,
 ) -> None:  # fmt: skip
-    several = [name for name, given in (("--vehicle", vehicle), ("--robot", robot)) if given]
+    several = [name for name, value in (("--vehicle", vehicle), ("--robot", robot)) if value]
     if run is not None and several:
         raise UsageError(fault("web.one-of", several=["RUN", *several]))
-    how = page_options.served(folder, port, share, address, browser)
+    serving = page_options.served(folder, port, share, address, browser)
     from baqueano.web.run import show_runs, show_vehicle
     from baqueano.web.service import reached, simulated
 
-    named = vehicle or (str(options.OWN_FILE) if options.OWN_FILE.exists() else GARAGE)
+    vehicle_name = vehicle or (str(options.OWN_FILE) if options.OWN_FILE.exists() else GARAGE)
     if run is not None:
-        page_options.run(show_runs((run,), how, talk))
+        page_options.run(show_runs((run,), serving, talk))
     elif robot is not None and robot != "simulated":
-        page_options.run(show_vehicle(partial(reached, robot), how, talk, (named, options.ROUTES)))
+        page_options.run(show_vehicle(partial(reached, robot), serving, talk, (vehicle_name, options.ROUTES)))
     else:
         more = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
-        start = partial(simulated, named, Path(folder), *more)
-        page_options.run(show_vehicle(start, how, talk, vehicle=named))
+        start = partial(simulated, vehicle_name, Path(folder), *more)
+        page_options.run(show_vehicle(start, serving, talk, vehicle=vehicle_name))

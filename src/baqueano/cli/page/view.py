@@ -15,7 +15,7 @@ from baqueano.cli.terminal import talk
 def command(
     run: str, ghost: str | None, folder: str, port: int, share: bool, address: str, browser: bool
 ) -> None:
-    how = page_options.served(folder, port, share, address, browser)
+    serving = page_options.served(folder, port, share, address, browser)
     from baqueano.web.run import show_runs
 
-    page_options.run(show_runs((run, ghost) if ghost else (run,), how, talk))
+    page_options.run(show_runs((run, ghost) if ghost else (run,), serving, talk))

@@ -64,7 +64,7 @@ def attach(door: Path) -> None:
 def status(host: str, as_json: bool) -> None:
     from baqueano.cli.terminal import answer
 
-    with _reached(host) as remote:
+    with _connection(host) as remote:
         answer(RobotStatus(remote.state), as_json)
 
 
@@ -83,7 +83,7 @@ def stop(host: str) -> None:
 def clear(host: str) -> None:
     from baqueano.messages import text
 
-    with _reached(host) as remote:
+    with _connection(host) as remote:
         remote.say(do="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
         state = remote.state
@@ -103,16 +103,18 @@ def runs(host: str, fetch: bool, folder: str) -> None:
     from baqueano.printable import one_line
     from baqueano.runs.folder import is_name
 
-    with _reached(host) as remote:
+    with _connection(host) as remote:
         names = remote.runs()
         for name in filter(is_name, names):
-            here = Path(folder) / name
-            if fetch and not lexists(here):
-                remote.fetch(name, here)
-            tell(f"{name}{'' if not lexists(here) else f'  {here}'}")
+            local_path = Path(folder) / name
+            if fetch and not lexists(local_path):
+                remote.fetch(name, local_path)
+            tell(f"{name}{'' if not lexists(local_path) else f'  {local_path}'}")
     if odd := [name for name in names if not is_name(name)]:
-        shown = ", ".join(f'"{one_line(str(name))}"' for name in odd[:5])
-        raise FileError(fault("cli.runs-named-oddly", f"ssh {host}", host=host, count=len(odd), found=shown))
+        odd_names = ", ".join(f'"{one_line(str(name))}"' for name in odd[:5])
+        raise FileError(
+            fault("cli.runs-named-oddly", f"ssh {host}", host=host, count=len(odd), found=odd_names)
+        )
 
 
 for verb in (
@@ -134,8 +136,8 @@ class RobotStatus:
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 
-        why = self.reply.get("why")
-        data = why.to_json() if isinstance(why, Diagnostic) else {"code": None, "figures": {}}
+        reason = self.reply.get("why")
+        data = reason.to_json() if isinstance(reason, Diagnostic) else {"code": None, "figures": {}}
         plain = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.reply.items()}
         return [plain | {"code": data["code"], "figures": data["figures"]}]
 
@@ -145,11 +147,13 @@ class RobotStatus:
 
         (row,) = self.rows()
         wide = max(len(name) for name in self.reply)
-        shown = {k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.reply}
-        return in_lines(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
+        shown_values = {
+            k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.reply
+        }
+        return in_lines(f"{k:{wide}}  {v}" for k, v in shown_values.items() if v not in (None, ""))
 
 
-def _reached(host: str) -> Any:
+def _connection(host: str) -> Any:
     from baqueano.door.remote import reached
 
     return reached(host)

@@ -33,7 +33,7 @@ WAYS = {
     "kick": "Smallest duty while a wheel starts, for --kick-ms.",
 }
 choices = options.together(
-    *(click.option(f"--{name}", metavar=what, help=text) for name, (what, text) in NAMES.items()),
+    *(click.option(f"--{name}", metavar=metavar, help=text) for name, (metavar, text) in NAMES.items()),
     *(
         click.option(f"--{name}", multiple=True, metavar="WAY=SHARE", help=text)
         for name, text in WAYS.items()
@@ -69,7 +69,7 @@ def settings(
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
         with service_off(talk), connected(file.robot.port) as uno:
-            kept = uno_settings.store(
+            stored_settings = uno_settings.store(
                 uno, lambda before: uno_settings.changed(Settings() if defaults else before, changes)
             )
             if watch_s is not None:
@@ -78,15 +78,17 @@ def settings(
         words = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
         words += ["--defaults"] if defaults else []
         words += [] if watch_s is None else [f"--watch={watch_s:g}"]
-        kept = uno_settings.StoredSettings.of(there(host, "robot", "settings", "--vehicle", VEHICLE, *words))
-    answer(kept, as_json)
+        stored_settings = uno_settings.StoredSettings.of(
+            there(host, "robot", "settings", "--vehicle", VEHICLE, *words)
+        )
+    answer(stored_settings, as_json)
 
 
 def typed(given: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return the typed values by the name of their option, without those left out."""
-    changed: dict[str, list[str]] = {}
+    changes: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
         value = given[name.replace("-", "_")]
         if value is not None and value != ():
-            changed[name] = list(value) if name in WAYS else [value]
-    return changed
+            changes[name] = list(value) if name in WAYS else [value]
+    return changes

@@ -60,12 +60,12 @@ def flash(
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
         with service_off(talk):
-            done = write(file.robot.port, hex_file, talk)
+            result = write(file.robot.port, hex_file, talk)
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
-        done = FlashResult(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
-    answer(done, as_json)
+        result = FlashResult(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
+    answer(result, as_json)
 
 
 @click.group(
@@ -94,12 +94,12 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     file = options.load_vehicle(vehicle, settings)
     if host == "here":
         with opened(file.robot, talk, in_chip_axes=True, motors=False) as floor:
-            mounted = find(ImuReader(floor.imu), talk)
+            mounted_imu = find(ImuReader(floor.imu), talk)
     else:  # its service opens the IMU by its own file, so that one is written there
         more = ["--update"] if update else []
-        mounted = MountedImu.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
-    answer(mounted, as_json)
-    values = mounted.values(file)
+        mounted_imu = MountedImu.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
+    answer(mounted_imu, as_json)
+    values = mounted_imu.values(file)
     options.kept(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)
 
 

@@ -26,8 +26,11 @@ def vehicle_words(
 ) -> JsonObject:
     """Return what a page must know of a vehicle before its first picture. `world`: simulated or real; `blocks`: those
     that a mission takes in place of the file's, by room."""
-    other = blocks or {}
-    kinds = {one: resolve(one, other[one], file.folder) if one in other else file.kind(one) for one in ROOMS}
+    block_kinds = blocks or {}
+    kinds = {
+        room: resolve(room, block_kinds[room], file.folder) if room in block_kinds else file.kind(room)
+        for room in ROOMS
+    }
     command, shape = file.command, file.geometry
     round_m = None if shape.radius_m is None else 2.0 * shape.radius_m
     names, limits = command.names, command.limit.tolist()
@@ -41,7 +44,7 @@ def vehicle_words(
             {"name": n, "low": -high, "high": high, "unit": command.unit}
             for n, high in zip(names, limits, strict=True)
         ],
-        "blocks": {"model": type(file.vehicle).__name__} | {one: k.__name__ for one, k in kinds.items()},
+        "blocks": {"model": type(file.vehicle).__name__} | {room: k.__name__ for room, k in kinds.items()},
         "sensors": [
             {
                 "name": name, "kind": str(file.data.get("sensors", {}).get(name, {}).get("kind", name)),
@@ -49,7 +52,7 @@ def vehicle_words(
             }
             for name, sensor in file.sensors._asdict().items()
         ],
-        "gains": gains_of(file, other.get("controller")),
+        "gains": gains_of(file, block_kinds.get("controller")),
     }  # fmt: skip
 
 
@@ -69,7 +72,7 @@ def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
 
 def numbers_in(block: object) -> list[str]:
     """Return the names of the parameters of a block that are numbers, without the rate of its vehicle."""
-    names = [one.name for one in fields(block)] if is_dataclass(block) else []
+    names = [field.name for field in fields(block)] if is_dataclass(block) else []
     return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
 
 

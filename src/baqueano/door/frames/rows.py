@@ -82,7 +82,7 @@ def columns_of(file: "VehicleFile") -> list[Column]:
         columns += [
             Column(f"{name}.{sensor}[{k}]", channel_unit(file, sensor, k), kind) for sensor, k in channels
         ]
-    return [*columns, *(Column(*one) for one in REST)]
+    return [*columns, *(Column(*column) for column in REST)]
 
 
 @dataclass

@@ -51,11 +51,11 @@ def _on_pipes(door: Door, service: SimulatedService) -> None:
     """Join stdin and stdout to the door; what blocks print goes to stderr."""
     coming, going = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    ours, theirs = socket.socketpair()
-    door.welcome(theirs)
+    near_end, far_end = socket.socketpair()
+    door.welcome(far_end)
 
     def forward() -> None:
-        join(ours, coming, going)
+        join(near_end, coming, going)
         service.end()
 
     threading.Thread(target=forward, name="pipes", daemon=True).start()

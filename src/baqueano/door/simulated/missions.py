@@ -78,12 +78,12 @@ def planned(
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MOST_FAULTS:
         raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
-    faults = tuple(Fault.of_words(one) for one in shake)
+    faults = tuple(Fault.of_words(words) for words in shake)
     if not whole:
-        yield replace(_named(kind, request, file, routes, seed), shake=faults, hurry_s=hurry_s)
+        yield replace(_plan_by_name(kind, request, file, routes, seed), shake=faults, hurry_s=hurry_s)
         return
-    beside = ("seed", "shake", "hurry_s")
-    mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in beside}))
+    extra_keys = ("seed", "shake", "hurry_s")
+    mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in extra_keys}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
         file = unpacked(mission, Path(folder))
         yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
@@ -134,14 +134,14 @@ class StoredRoutes:
         return rows
 
 
-def _named(
+def _plan_by_name(
     kind: str, request: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int
 ) -> MissionPlan:
     match kind:
         case "teach":
             keep = str(request.get("name") or "lesson")
             routes.path(keep)  # a wrong name is refused before anything moves
-            if (drawn := request.get("shape")) is None:
+            if (shape_name := request.get("shape")) is None:
                 closed = request.get("closed")
                 return MissionPlan(
                     Mission("teach"),
@@ -151,7 +151,7 @@ def _named(
                     seed=seed,
                 )
             route = shape(
-                str(drawn), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
+                str(shape_name), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
             )
             return MissionPlan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
         case "repeat":
@@ -172,8 +172,8 @@ def _named(
 def _blocks(request: JsonObject) -> dict[str, str]:
     """Return the blocks of a repetition that are not those of the file."""
     blocks = request.get("blocks", {})
-    named = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
-    if not named or not all(isinstance(kind, str) for kind in blocks.values()):
+    is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
+    if not is_mapping or not all(isinstance(kind, str) for kind in blocks.values()):
         raise UsageError(fault("mission.damaged", kind="TypeError", error="blocks"))
     return dict(blocks)
 

@@ -97,11 +97,11 @@ class SimulatedService:
     def idle(self) -> None:
         """Look at stops and their end while nothing drives."""
         machine = self.machine
-        cleared, self.operator.clear_requested = self.operator.clear_requested, False
-        if (stopped := self.operator.why(attended=False)) is not None:
-            self.operator.forget(stopped)
-            machine.go("stop", stopped)
-        elif cleared and machine.state is DoorState.STOPPED:
+        clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
+        if (stop_reason := self.operator.why(attended=False)) is not None:
+            self.operator.forget(stop_reason)
+            machine.go("stop", stop_reason)
+        elif clear_requested and machine.state is DoorState.STOPPED:
             machine.go("clear", stop(StopReason.CHECKED_AGAIN))
         elif machine.state is DoorState.DISARMED:
             machine.go("ready")
@@ -110,16 +110,16 @@ class SimulatedService:
     def take(self, mission_json: str, attended: bool, name: str = "") -> None:
         """Drive a mission, and tell how the one of this name ended; nothing that is wrong with it ends the service."""
         self._drives += 1
-        done: JsonObject = {"is": "done", "id": name, "run": None}
-        why, code = outcome_of(lambda: self._drive_mission(mission_json, attended, done))
+        outcome: JsonObject = {"is": "done", "id": name, "run": None}
+        reason, code = outcome_of(lambda: self._drive_mission(mission_json, attended, outcome))
         self._plan = self._record = self._run = None
         self.publish(at_once=True)
         self.operator.free()
-        self.tell({"why": why, "code": code} | done)
+        self.tell({"why": reason, "code": code} | outcome)
         self.shaken.ask_again()
 
-    def _drive_mission(self, mission_json: str, attended: bool, done: JsonObject) -> None:
-        """Drive a mission as far as it comes; `done` is told of it then."""
+    def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
+        """Drive a mission as far as it comes; `outcome` is told of it then."""
         self.file = refreshed(self.file)
         with planned(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
@@ -128,21 +128,21 @@ class SimulatedService:
                 self.machine.go("manual" if by_hand else "mission")
                 self._plan, self._run = plan, path.name
                 self.publish(at_once=True)
-                why, code = outcome_of(lambda: self._driven(plan, mission_json, attended, path))
-                regular_end = why is None or code or self.operator.done
+                reason, code = outcome_of(lambda: self._drive(plan, mission_json, attended, path))
+                regular_end = reason is None or code or self.operator.done
                 late = self.operator.why(
                     attended=False
                 )  # said while the drive was prepared, or its run closed
-                stopped = late if regular_end else why
-                self.machine.go("done" if stopped is None else "stop", stopped)
-                self.operator.forget(stopped)
-                done |= {"run": path.name if path.exists() else None, "why": why, "code": code}
-                if plan.keep and stopped is None and not code and path.exists():
-                    done |= self._stored_lesson(plan, path)
+                stop_reason = late if regular_end else reason
+                self.machine.go("done" if stop_reason is None else "stop", stop_reason)
+                self.operator.forget(stop_reason)
+                outcome |= {"run": path.name if path.exists() else None, "why": reason, "code": code}
+                if plan.keep and stop_reason is None and not code and path.exists():
+                    outcome |= self._stored_lesson(plan, path)
             finally:
                 release(path)
 
-    def _driven(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
+    def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
         """Return why the vehicle was stopped, None if nothing stopped it."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed

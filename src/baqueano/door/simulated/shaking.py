@@ -39,7 +39,7 @@ class FaultWords:
         self._world: ShakenWorld | None = None  # while it drives
         self._last: tuple[JsonObject, bool, ShakenWorld] | None = None  # mission, attended, its world
         self._by_hand = False
-        self._again: tuple[object, JsonObject, bool, float] | None = None
+        self._next_mission: tuple[object, JsonObject, bool, float] | None = None
 
     def begin(self, plan: "MissionPlan", world: "ShakenWorld", mission_json: str, attended: bool) -> Observer:
         """A drive begins; its observer."""
@@ -70,11 +70,11 @@ class FaultWords:
         mission, attended, world = self._last
         without = {int(n) for n in request["without"]} if request.get("without") is not None else None
         faults = [
-            one.to_json() for number, one in enumerate(world.faults, 1)
+            fault_.to_json() for number, fault_ in enumerate(world.faults, 1)
             if without is not None and number not in without
         ]  # fmt: skip
         hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
-        self._again = guest, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
+        self._next_mission = guest, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
         if self._operator.taken:
             self._operator.end(guest)
         else:
@@ -82,9 +82,9 @@ class FaultWords:
 
     def ask_again(self) -> None:
         """Ask for the mission that was wanted again, now that nothing drives."""
-        if self._again is None:
+        if self._next_mission is None:
             return
-        (guest, mission, attended, silence_s), self._again = self._again, None
+        (guest, mission, attended, silence_s), self._next_mission = self._next_mission, None
         if not self._operator.holds(guest) and self._operator.taken:
             return
         try:
@@ -94,7 +94,7 @@ class FaultWords:
 
     def tell(self, ledger: Ledger) -> None:
         """Tell the ledger."""
-        self._tell({"is": "ledger", "rows": [_row(ledger, one) for one in ledger.rows]})
+        self._tell({"is": "ledger", "rows": [_row(ledger, row) for row in ledger.rows]})
 
 
 class _LedgerKeeper(Observer):
@@ -142,7 +142,8 @@ def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
         "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
         "fault": row.fault.to_json(), "what": row.message,
         "noticed": [
-            {"who": note(f"ledger.who-{one.who}"), "after_s": one.after_s, "said": one.message} for one in row.noticed
+            {"who": note(f"ledger.who-{notice.who}"), "after_s": notice.after_s, "said": notice.message}
+            for notice in row.noticed
         ],
-        "silent": [note(f"ledger.who-{who}") for who in row.silent()], "nobody": ledger.nobody(row),
+        "silent": [note(f"ledger.who-{source}") for source in row.silent()], "nobody": ledger.nobody(row),
     }  # fmt: skip

@@ -85,7 +85,7 @@ class Cockpit(Observer):
             hold=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
-        self._given, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
+        self._given_line, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
         self._now, self._sleep = now, sleep
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
         self._begun_s = now()
@@ -94,7 +94,7 @@ class Cockpit(Observer):
         self._marks, self._new_marks, self._sent_marks = 0, 0, 0
 
     def __enter__(self) -> "Cockpit":
-        self._line = terminal() if self._given is None else self._given
+        self._line = terminal() if self._given_line is None else self._given_line
         self._life = Heartbeat(
             self._line.write if self._trusted and self._line.answers else lambda data: None
         )
@@ -124,7 +124,7 @@ class Cockpit(Observer):
         u = np.zeros(len(self._limit))
         u[0], u[-1] = ahead, left
         self.status.requested = u * self.status.share * self._limit * self.near  # (1)
-        self.status.still = self._still()
+        self.status.still = self._standstill_reason()
         self._draw(now_s)
         return self.status.requested.copy()
 
@@ -160,7 +160,7 @@ class Cockpit(Observer):
     def look(self, record: Record) -> None:
         """A tick of a world in this process, for the screen."""
         self.status.applied = np.asarray(record.tick.u)
-        self._held_by(record.requested.u)
+        self._update_hold(record.requested.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
@@ -176,20 +176,20 @@ class Cockpit(Observer):
         s.degraded = text(state.get("degraded"))
         if state.get("u") is not None and len(state["u"]) == len(self._limit):
             s.applied = np.array(state["u"], dtype=float)
-            self._held_by(state.get("requested", state["u"]))
+            self._update_hold(state.get("requested", state["u"]))
 
     def say(self, line: str) -> None:
         """A line for the driver."""
         self.status.line = line
 
-    def _held_by(self, requested: Sequence[float] | np.ndarray) -> None:
+    def _update_hold(self, requested: Sequence[float] | np.ndarray) -> None:
         """Return the request to the motors where the driver wants straight on, for the screen."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
             straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
-    def _still(self) -> str:
+    def _standstill_reason(self) -> str:
         """Return why nothing moves although the driver wants motion, in the words of the screen. The nudge of a tap is
         over too soon for a reason."""
         by_pad = self._pad is not None and self._pad.holds

@@ -56,7 +56,7 @@ class KeyHold:
         if len(self._gaps) < KNOWN:
             return GAP_S
         gap_s = median(self._gaps)
-        spread_s = median(abs(one - gap_s) for one in self._gaps)
+        spread_s = median(abs(interval_s - gap_s) for interval_s in self._gaps)
         return min(max(GAP_PART * gap_s + SPREAD * spread_s, GAP_LEAST_S), GAP_MOST_S)
 
     @property
@@ -79,11 +79,11 @@ class KeyHold:
             self._keys.discard(event.key)
         elif self.way == LATCHED:
             ahead, left = WAYS[event.key]
-            self._set = _limited(self._set[0] + STEP * ahead, self._set[1] + STEP * left)
+            self._set = _clip(self._set[0] + STEP * ahead, self._set[1] + STEP * left)
         elif self.way == RELEASES:
             self._keys.add(event.key)
         elif event.kind in (PRESS, REPEAT):
-            self._again(event.key, now_s)
+            self._repeat(event.key, now_s)
 
     def direction(self, now_s: float) -> tuple[float, float]:
         """(ahead, to the left) at this time [s]."""
@@ -92,13 +92,13 @@ class KeyHold:
         if self.way == REPEATS and not self._counts(now_s):
             self._keys.clear()
         part = NUDGE if self.nudges else 1.0
-        ahead, left = _limited(sum(WAYS[k][0] for k in self._keys), sum(WAYS[k][1] for k in self._keys))
+        ahead, left = _clip(sum(WAYS[k][0] for k in self._keys), sum(WAYS[k][1] for k in self._keys))
         return part * ahead, part * left
 
     def _counts(self, now_s: float) -> bool:
         return now_s - self._last_event_s <= (self.gap_s if self._repeats else self.first_s)
 
-    def _again(self, key: str, now_s: float) -> None:
+    def _repeat(self, key: str, now_s: float) -> None:
         """A letter in (2): the repeat of one that is held, or a press."""
         counts, gap_s = self._counts(now_s), now_s - self._last_event_s
         if key == self._newest and counts:
@@ -125,6 +125,6 @@ class KeyHold:
             self._delays.append(self._delay_s)
 
 
-def _limited(ahead: float, left: float) -> tuple[float, float]:
+def _clip(ahead: float, left: float) -> tuple[float, float]:
     """Both within [-1, 1], without the dust of sums."""
     return round(min(max(ahead, -1.0), 1.0), 6), round(min(max(left, -1.0), 1.0), 6)

@@ -51,7 +51,7 @@ class KeyDecoder:
                 self._rest = partial[0]
                 break
             else:
-                events += _typed(text[at])
+                events += _events_of(text[at])
                 at += 1
         return events
 
@@ -79,7 +79,7 @@ def _event(private: str, numbers: str, final: str, application: str) -> list[Key
     return [KeyEvent(KINDS[kind], INTERRUPT if modifier_bits & CTRL and key == "c" else key)]
 
 
-def _typed(letter: str) -> list[KeyEvent]:
+def _events_of(letter: str) -> list[KeyEvent]:
     if letter == "\x03":
         return [KeyEvent(PRESS, INTERRUPT)]
     return [KeyEvent(PRESS, letter.lower())] if letter.isprintable() else []

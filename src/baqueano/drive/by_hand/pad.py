@@ -37,7 +37,7 @@ class Pad:
         self._device, self.name, self.gone = device, device.name, False
         self._axes: dict[int, Axis] = {}
         self._down: set[int] = set()
-        self._lost, self._let_go = False, False
+        self._overrun, self._let_go = False, False
         self._ask_anew()
         self._look()
 
@@ -45,19 +45,19 @@ class Pad:
         """The buttons that were pressed since the last time."""
         if self.gone:
             return []
-        pressed: list[int] = []
+        buttons: list[int] = []
         try:
             for event in self._device.read():
-                pressed += self._happened(event)
+                buttons += self._take(event)
         except OSError:  # ENODEV
             self.gone = True
         self._look()
-        return pressed
+        return buttons
 
     @property
     def holds(self) -> bool:
         """Return True if it drives: a button of HOLD is pressed."""
-        return self._let_go and not self._lost and not self.gone and bool(self._down & HOLD)
+        return self._let_go and not self._overrun and not self.gone and bool(self._down & HOLD)
 
     @property
     def hint(self) -> str:
@@ -80,14 +80,14 @@ class Pad:
 
     def _look(self) -> None:
         at_rest = not any(map(self._part, (X, Y))) and not self._down & HOLD
-        self._let_go = self._let_go or (at_rest and not self._lost)
+        self._let_go = self._let_go or (at_rest and not self._overrun)
 
-    def _happened(self, event: InputEvent) -> list[int]:
+    def _take(self, event: InputEvent) -> list[int]:
         """Take an event, and return the button that it pressed."""
         kind, code, value = event
         if kind == SYN and code == DROPPED:
-            self._lost = True
-        elif self._lost:
+            self._overrun = True
+        elif self._overrun:
             return self._ask_anew() if kind == SYN and code == REPORT else []
         elif kind == ABS and code in self._axes:
             self._axes[code] = self._axes[code]._replace(value=value)
@@ -102,7 +102,7 @@ class Pad:
         """All of its state; the buttons that were pressed unseen."""
         before = self._down
         self._axes, self._down = {code: self._device.axis(code) for code in (X, Y)}, self._device.down()
-        self._lost = False
+        self._overrun = False
         return sorted(self._down - before)
 
     def _part(self, code: int) -> float:
@@ -121,19 +121,19 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
     if sys.platform != "linux":
         raise UsageError(fault("pad.not-linux"))
     if named is not None:
-        return _named(named)
-    pads, looked, closed = [], [], []
+        return _pad_at(named)
+    pads, descriptions, closed_names = [], [], []
     for path in sorted(folder.glob("event*"), key=lambda p: int(re.sub(r"\D", "", p.name) or 0)):
         try:
             device = InputDevice(path)
         except PermissionError:
-            closed.append(path.name)
+            closed_names.append(path.name)
             continue
         except OSError as error:
-            looked.append(f"{path.name} ({error.strerror or error})")
+            descriptions.append(f"{path.name} ({error.strerror or error})")
             continue
         if lack := lacking(device):
-            looked.append(f'{path.name} "{device.name}" ({text(note(f"pad.no-{lack}"))})')
+            descriptions.append(f'{path.name} "{device.name}" ({text(note(f"pad.no-{lack}"))})')
             device.close()
         else:
             pads.append((path, device))
@@ -144,7 +144,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
     if pads:
         several = ", ".join(f'{path} "{device.name}"' for path, device in pads)
         raise UsageError(fault("pad.several", count=len(pads), several=several, first=pads[0][0]))
-    raise UsageError(_none(folder, looked, closed))
+    raise UsageError(_none(folder, descriptions, closed_names))
 
 
 def lacking(device: InputDevice) -> str:
@@ -154,13 +154,13 @@ def lacking(device: InputDevice) -> str:
     return "" if device.keys & HOLD else "front-buttons"
 
 
-def _none(folder: Path, looked: list[str], closed: list[str]) -> Diagnostic:
-    if not closed:
-        return fault("pad.not-among" if looked else "pad.none", folder=folder, looked=looked)
-    return fault("pad.closed", GROUP, folder=folder, looked=looked, closed=closed)
+def _none(folder: Path, descriptions: list[str], closed_names: list[str]) -> Diagnostic:
+    if not closed_names:
+        return fault("pad.not-among" if descriptions else "pad.none", folder=folder, looked=descriptions)
+    return fault("pad.closed", GROUP, folder=folder, looked=descriptions, closed=closed_names)
 
 
-def _named(path: Path) -> Pad:
+def _pad_at(path: Path) -> Pad:
     try:
         device = InputDevice(path)
     except PermissionError as error:

@@ -56,7 +56,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         f"{_(name)} {figure(value, 0)} ms"
         for name, value in ((N_("vehicle"), s.link_ms), (N_("terminal"), s.terminal_ms))
     )
-    shown = [k for k in range(len(s.limit)) if s.limit[k] > 0.0]
+    active = [k for k in range(len(s.limit)) if s.limit[k] > 0.0]
     rows = [
         f"== baqueano drive: {s.name} " + "=" * columns,
         f"   {s.state or '...':10} {number(s.t_s):7.1f} s    "
@@ -72,7 +72,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
             f"   {s.names[k]:6} {_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
             + _("wanted {wanted:+5.2f}", wanted=float(s.requested[k]))
             + (f"   {_hold(s.hold)}" if k == len(s.limit) - 1 else "")
-            for k in shown
+            for k in active
         ),
         "   "
         + _("round trip: {link}", link=link)

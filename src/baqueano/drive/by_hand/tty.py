@@ -167,9 +167,9 @@ def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
     """The name of a program between this one and the terminal which answers in its place and outlives it (tmux,
     screen, mosh); "" without one."""
     for name in (parents or _parents)():
-        for one in ("tmux", "screen", "mosh-server", "zellij"):
-            if name.lower().startswith(one):
-                return one
+        for program in ("tmux", "screen", "mosh-server", "zellij"):
+            if name.lower().startswith(program):
+                return program
     return ""
 
 

@@ -71,5 +71,7 @@ class Caution(Observer):
         std_m = float(position_std(record.estimate.cov))
         if std_m > SHARE * self._most_m:
             return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._most_m), True
-        doubted = [one for one in record.degraded if one.off != MODEL]
-        return joined(one.diagnostic for one in doubted), any(one.off == SENSOR for one in doubted)
+        findings = [finding for finding in record.degraded if finding.off != MODEL]
+        return joined(finding.diagnostic for finding in findings), any(
+            finding.off == SENSOR for finding in findings
+        )

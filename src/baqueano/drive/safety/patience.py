@@ -23,17 +23,17 @@ class Patience(Observer):
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
-        self._where = np.full(3, np.nan)
+        self._origin = np.full(3, np.nan)
         self._since_ns, self._away_m = 0, 0.0
 
     def look(self, record: Record) -> None:
         """Look whether the vehicle moves, or is where it is wanted."""
         eta, reference = record.estimate.eta, record.reference.eta
-        moved = not np.hypot(*(eta - self._where)[:2]) < STILL_M
-        moved = moved or not abs(wrap(eta[2] - self._where[2])) < STILL_RAD
+        moved = not np.hypot(*(eta - self._origin)[:2]) < STILL_M
+        moved = moved or not abs(wrap(eta[2] - self._origin[2])) < STILL_RAD
         self._away_m = float(np.hypot(*(reference - eta)[:2]))
         if moved or self._away_m <= AWAY_M:
-            self._where, self._since_ns = eta, record.tick.t_ns
+            self._origin, self._since_ns = eta, record.tick.t_ns
 
     def why(self, t_ns: int) -> Diagnostic | None:
         """Return why the drive is given up.  (1)"""

@@ -60,8 +60,8 @@ class Precautions:
     def of(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
         """Return the precautions among options, and the other options."""
         own = {field.name for field in fields(cls)}
-        mine = {name: value for name, value in options.items() if name in own}
-        return cls(**mine), {name: value for name, value in options.items() if name not in own}
+        own_options = {name: value for name, value in options.items() if name in own}
+        return cls(**own_options), {name: value for name, value in options.items() if name not in own}
 
     def to_json(self) -> JsonObject:
         """Return what differs from the usual, for JSON."""

@@ -31,7 +31,7 @@ class RoomWatch(Observer):
         self._free, self._start = np.asarray(room.free), np.asarray(room.start)
         self._origin = origin
         self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
-        self._why: Diagnostic | None = None
+        self._reason: Diagnostic | None = None
 
     def look(self, record: Record) -> None:
         """Look how near the walls may be.  (2)"""
@@ -42,12 +42,12 @@ class RoomWatch(Observer):
         region = np.sqrt(CHI_SQUARE) * std
         stop_m = STOP_S * np.abs(v)
         beyond = np.abs(place) + stop_m + region - self._free
-        if np.max(beyond) > 0.0 and self._why is None:
+        if np.max(beyond) > 0.0 and self._reason is None:
             i = int(np.argmax(beyond))
             wall_m = float(self._free[i] - abs(place[i]))
             figures: JsonObject = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
-            self._why = stop(StopReason.ROOM, axis="xy"[i], **figures)
+            self._reason = stop(StopReason.ROOM, axis="xy"[i], **figures)
 
     def why(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle stops."""
-        return self._why
+        return self._reason

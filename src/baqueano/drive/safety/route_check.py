@@ -34,8 +34,8 @@ def warnings_of(
         report = examine(route, vehicle_file, room, backend=backend)
     except TraceError:  # a vehicle of one's own that is not compiled: it cannot be asked for its limits
         report = examine(route, None, room)
-    for one in report.findings:
-        passes = (one.code in UNSURE and anyway) or (one.code in FASTER and not measured)
-        if one.severity == Severity.ERROR and not passes:
-            raise AnswerNo(one)
+    for finding in report.findings:
+        passes = (finding.code in UNSURE and anyway) or (finding.code in FASTER and not measured)
+        if finding.severity == Severity.ERROR and not passes:
+            raise AnswerNo(finding)
     return report.findings

@@ -101,18 +101,18 @@ def recover(path: str) -> RecoveryOutcome:
     try:
         pins = _pins(path)
         sda, scl = pins.look()
-        left_behind = {sda.function, scl.function} != {I2C}
-        if left_behind:
+        foreign_mode = {sda.function, scl.function} != {I2C}
+        if foreign_mode:
             pins.give_back()
             sda, scl = pins.look()
         if not scl.high:
             return RecoveryOutcome(False, note("bus.scl-held", Severity.WARNING))
-        if sda.high and left_behind:
+        if sda.high and foreign_mode:
             return RecoveryOutcome(True, note("bus.given-back", Severity.WARNING))
         if sda.high:
             return RecoveryOutcome(False, note("bus.free", Severity.WARNING))
         try:
-            return _clocked(pins)
+            return _send_clocks(pins)
         finally:
             pins.give_back()
     except RobotUnreachable as error:
@@ -134,14 +134,14 @@ def recoverable(path: str, model: Path) -> tuple[str, str, str]:
         scl=_("high") if scl.high else _("low"),
     )
     if sda.function != I2C or scl.function != I2C:
-        what = _(
+        finding = _(
             "GPIO 2 is {sda} and GPIO 3 {scl}, expected {i2c}; {levels}",
             sda=sda.function,
             scl=scl.function,
             i2c=I2C,
             levels=levels,
         )
-        return "warn", what, _("Type: pinctrl set {both} {i2c}", both=BOTH, i2c=I2C)
+        return "warn", finding, _("Type: pinctrl set {both} {i2c}", both=BOTH, i2c=I2C)
     return "ok", _("pinctrl reaches GPIO 2 and 3; {levels}", levels=levels), ""
 
 
@@ -171,15 +171,15 @@ class _Pins:
     def give_back(self) -> None:
         """Put both pins back into I2C mode; tried twice, however late it is."""
         self._end_s = float("inf")
-        why = ""
+        cause = ""
         for _try in range(2):
             try:
                 self.set(BOTH, I2C)
                 if all(line.function == I2C for line in self.look()):
                     return
             except RobotUnreachable as error:
-                why = f" ({error})"
-        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=why))
+                cause = f" ({error})"
+        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=cause))
 
     def _call(self, *words: str) -> str:
         import subprocess  # the service starts without it: hardly ever is a bus held
@@ -188,22 +188,22 @@ class _Pins:
         if time.monotonic() > self._end_s:
             raise RobotUnreachable(fault("bus.too-late", f"pinctrl get {BOTH}", command=command, all_s=ALL_S))
         try:
-            done = subprocess.run(
+            process = subprocess.run(
                 [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
                 errors="replace", timeout=CALL_S
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
             raise RobotUnreachable(fault("bus.call-failed", command=command, error=error)) from None
-        if done.returncode:
+        if process.returncode:
             raise RobotUnreachable(
                 fault(
                     "bus.call-refused",
                     command=command,
-                    exit=done.returncode,
-                    said=(done.stdout + done.stderr).strip(),
+                    exit=process.returncode,
+                    said=(process.stdout + process.stderr).strip(),
                 )
             )
-        return done.stdout.strip("\n")
+        return process.stdout.strip("\n")
 
 
 def _pins(path: str) -> _Pins:
@@ -222,7 +222,7 @@ def _pins(path: str) -> _Pins:
     return pins
 
 
-def _clocked(pins: _Pins) -> RecoveryOutcome:
+def _send_clocks(pins: _Pins) -> RecoveryOutcome:
     """Run (1) and (2); the caller puts the pins back into I2C mode."""
     pins.set(BOTH, *LET_GO)
     for clock in range(1, CLOCKS + 1):
@@ -231,13 +231,13 @@ def _clocked(pins: _Pins) -> RecoveryOutcome:
         sda, scl = pins.look()
         if not scl.high:
             return RecoveryOutcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
-        if sda.high and _stopped(pins):
+        if sda.high and _send_stop(pins):
             code = "bus.freed-at-once" if clock == 1 else "bus.freed"
             return RecoveryOutcome(True, note(code, Severity.WARNING, clocks=clock))
     return RecoveryOutcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCKS))
 
 
-def _stopped(pins: _Pins) -> bool:
+def _send_stop(pins: _Pins) -> bool:
     """(2); whether it came about."""
     pins.set(SCL, *LOW)
     pins.set(SDA, *LOW)

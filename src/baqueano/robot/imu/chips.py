@@ -69,8 +69,8 @@ CHIPS = {
 
 def chip_of(who_am_i: int) -> Chip:
     """The chip that answers so; one that nobody listed is driven as a 6500, and `is_listed` is False."""
-    unknown = Chip(f"unknown chip 0x{who_am_i:02X}", True, 512, None, 0.0, is_listed=False)
-    return CHIPS.get(who_am_i, unknown)
+    unknown_chip = Chip(f"unknown chip 0x{who_am_i:02X}", True, 512, None, 0.0, is_listed=False)
+    return CHIPS.get(who_am_i, unknown_chip)
 
 
 def accel_scale(range_g: int) -> float:

@@ -83,9 +83,9 @@ class Mpu6050:
         self._check_at = 0
         self._failures = 0
         self._index = 0  # samples read since the FIFO was emptied
-        self._left = 0  # bytes in the FIFO before a read that did not end well
+        self._residue = 0  # bytes in the FIFO before a read that did not end well
         self._odd = 0  # calls in a row that found part of a sample
-        self._looked = now_ns()
+        self._look_ns = now_ns()
 
     @property
     def delay_s(self) -> tuple[float, float]:
@@ -159,11 +159,11 @@ class Mpu6050:
         now = self._now_ns()
         rows, times = NOTHING
         try:
-            if self._started(now):
+            if self._advance_start(now):
                 rows, times = self._fresh(now)
                 self._failures = 0
         except OSError as error:
-            self._failed(now, error)
+            self._note_failure(now, error)
         keep, broken = self._watch.judge(now, rows)
         if broken and self._steps is None:
             self._restart(now, quietly=self._watch.rounds > 1)
@@ -204,7 +204,7 @@ class Mpu6050:
         whole, rest = divmod(count, WORDS)
         self._odd = self._odd + 1 if rest else 0
         full = count > self.chip.fifo_bytes - MARGIN * WORDS
-        eaten = self._left and (count < self._left or (count - self._left) % WORDS)
+        eaten = self._residue and (count < self._residue or (count - self._residue) % WORDS)
         if full or eaten or self._odd >= FAILURES:
             self._empty()
             self.counts.overflows += 1
@@ -216,9 +216,9 @@ class Mpu6050:
         if not whole:
             return self._none()
         number = min(whole, MOST)
-        self._left = count
+        self._residue = count
         data = self.device.read(FIFO_R_W, number * WORDS)
-        self._left = 0
+        self._residue = 0
         times = self.clock.stamps(self._index + 1, number)
         self._index += number
         return list(WORD.iter_unpack(data)), times
@@ -227,8 +227,8 @@ class Mpu6050:
         """The newest sample if it is fresh."""
         before = self._now_ns()
         data = self.device.read(INT_STATUS, 1 + WORDS)
-        earliest = max(self._looked, before - SECOND // self.settings.rate_hz)
-        self._looked = before
+        earliest = max(self._look_ns, before - SECOND // self.settings.rate_hz)
+        self._look_ns = before
         if not data[0] & 1:
             return self._none()
         return [WORD.unpack(data[1:])], [(earliest + before) // 2]
@@ -247,12 +247,12 @@ class Mpu6050:
     def _remembers(self, now: int) -> bool:
         """Return True if the chip still has its registers; else it is being started again."""
         expected = bytes(self._registers())
-        stored = self.device.read(SMPLRT_DIV, len(expected))
+        registers = self.device.read(SMPLRT_DIV, len(expected))
         control, power = self.device.read(USER_CTRL, 2)
-        if stored == expected and power == PLL_X and control & FIFO_ON == self._control:
+        if registers == expected and power == PLL_X and control & FIFO_ON == self._control:
             return True
-        lost = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.tell(now, lost, power=power, found=stored.hex(), expected=expected.hex())
+        code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
+        self._watch.tell(now, code, power=power, found=registers.hex(), expected=expected.hex())
         self._restart(now, quietly=True)
         self._start_reported = True
         return False
@@ -288,9 +288,9 @@ class Mpu6050:
         if self._control:
             self.device.write(USER_CTRL, self._control)
         self.clock.restart()
-        self._index = self._odd = self._left = 0
+        self._index = self._odd = self._residue = 0
 
-    def _started(self, now: int) -> bool:
+    def _advance_start(self, now: int) -> bool:
         """Return True if the chip runs; else take a step of its start. OSError ends this attempt and plans another."""
         if self._steps is None:
             return True
@@ -305,14 +305,14 @@ class Mpu6050:
                 self._watch.tell(now, "imu.started")
             self._start_reported = False
             self._check_at = now + SECOND
-            self._looked = now
+            self._look_ns = now
         except (OSError, BaqueanoError) as error:
             self._steps = self._start(reopen=True)
             self._wait_until = now + AGAIN_MS * MILLISECOND
             self._watch.trouble(now, error)
         return False
 
-    def _failed(self, now: int, error: OSError) -> None:
+    def _note_failure(self, now: int, error: OSError) -> None:
         """A call has failed."""
         self.counts.failures += 1
         self._failures += 1
@@ -345,8 +345,8 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
         raise RobotUnreachable(
             note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.message)
         )
-    tried = " and ".join(f"0x{address:02X}" for address in addresses)
-    raise RobotUnreachable(fault("imu.no-answer", asked=tried, path=path))
+    addresses_text = " and ".join(f"0x{address:02X}" for address in addresses)
+    raise RobotUnreachable(fault("imu.no-answer", asked=addresses_text, path=path))
 
 
 def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:

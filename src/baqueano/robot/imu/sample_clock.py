@@ -54,9 +54,9 @@ class SampleClock:
             min(self._high, self.nominal_ns * (1 + SLACK)),
         )
         self._buckets: deque[list[int]] = deque(maxlen=BUCKETS)
-        self._opened = self._began = -1
+        self._bucket_ns = self._began = -1
         self._this: list[int] = []  # the last look, as a bucket
-        self._stamped: int | None = None  # index of the last stamp
+        self._last_index: int | None = None  # index of the last stamp
         self._newest = 0  # index that `_phase` belongs to
         self._phase = 0.0
         self.phase_error_ns = self.period_ns / 2.0
@@ -65,15 +65,15 @@ class SampleClock:
         """Sample `newest` was there, and the one after it was not, between the two times."""
         self._this = [newest, after_ns, newest, before_ns]
         if self._began < 0:
-            self._began = self._opened = before_ns
+            self._began = self._bucket_ns = before_ns
             self._buckets.append(self._this.copy())
             self._newest, self._phase = newest, (before_ns + after_ns - self.period_ns) / 2.0
             return
         self._move(newest, before_ns, after_ns)
         length = FIRST_BUCKETS_NS if before_ns - self._began < FINE_NS else BUCKET_NS
-        closes = before_ns - self._opened > length
+        closes = before_ns - self._bucket_ns > length
         if closes:
-            self._opened = before_ns
+            self._bucket_ns = before_ns
             self._buckets.append(self._this.copy())
         else:
             self._bind(newest, before_ns, after_ns)
@@ -86,14 +86,14 @@ class SampleClock:
         times = []
         for index in range(first, first + count):
             time = self._phase + self.period_ns * (index - self._newest)
-            if self._stamped is not None:
-                steps = index - self._stamped
+            if self._last_index is not None:
+                steps = index - self._last_index
                 due = self._last_stamp + self.period_ns * steps
                 time = min(
                     max(time, due - SLEW * self.period_ns * steps), due + SLEW * self.period_ns * steps
                 )
             time = max(time, self._last_stamp + 1.0)
-            self._stamped, self._last_stamp = index, time
+            self._last_index, self._last_stamp = index, time
             times.append(round(time))
         return times
 
@@ -115,8 +115,8 @@ class SampleClock:
         """Period and phase from the looks that are kept.  (1)-(3)"""
         while True:
             looks = np.array(self._buckets)
-            upper_k, upper_t = looks[:, 0] - self._newest, looks[:, 1] - self._opened
-            lower_k, lower_t = looks[:, 2] + 1 - self._newest, looks[:, 3] - self._opened
+            upper_k, upper_t = looks[:, 0] - self._newest, looks[:, 1] - self._bucket_ns
+            lower_k, lower_t = looks[:, 2] + 1 - self._newest, looks[:, 3] - self._bucket_ns
             low, high = period_bounds(upper_k, upper_t, lower_k, lower_t, self._prior)
             if low <= high:
                 break
@@ -135,7 +135,7 @@ class SampleClock:
         weight *= np.exp(-off * off / 2.0)
         weight /= weight.sum()
         self.period_ns = float(weight @ periods[:, 0])
-        self._phase = self._opened + float(weight @ (latest + earliest)) / 2.0
+        self._phase = self._bucket_ns + float(weight @ (latest + earliest)) / 2.0
         self.phase_error_ns = float(np.max(latest) - np.min(earliest)) / 2.0
 
 

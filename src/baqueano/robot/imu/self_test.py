@@ -78,7 +78,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
     accel_bits = 0x00 if own else 0x10
     try:
         quiet = _mean(imu, 0x00, accel_bits, sleep)
-        pushed = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
+        in_test = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
         codes = _codes(imu)
     except OSError as error:
         raise AnswerNo(fault("imu.self-test-broke-off", error=error)) from None
@@ -87,11 +87,11 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
     trims = factory_trims(codes, own)
     axes = (
         AxisResponse(
-            AXES[n], UNITS[n], float(pushed[n] - quiet[n]), trims[n], None if codes[n] == 0 else True
+            AXES[n], UNITS[n], float(in_test[n] - quiet[n]), trims[n], None if codes[n] == 0 else True
         )
         for n in range(6)
     )
-    return SelfTest(tuple(axis._replace(passed=_passed(n, axis, own)) for n, axis in enumerate(axes)))
+    return SelfTest(tuple(axis._replace(passed=_passes(n, axis, own)) for n, axis in enumerate(axes)))
 
 
 def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float, ...]:
@@ -109,7 +109,7 @@ def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float
     return tuple(trims)
 
 
-def _passed(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
+def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
     """(3) (5)"""
     if axis.passed is None:
         return None

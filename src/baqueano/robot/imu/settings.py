@@ -116,7 +116,7 @@ class ImuSettings:
         return matrix
 
 
-def _one_of(name: str, value: object, allowed: object) -> None:
-    if value not in allowed:  # type: ignore[operator]
-        words = ", ".join(str(v) for v in allowed)  # type: ignore[attr-defined]
+def _one_of(name: str, value: object, choices: object) -> None:
+    if value not in choices:  # type: ignore[operator]
+        words = ", ".join(str(v) for v in choices)  # type: ignore[attr-defined]
         raise UsageError(fault("imu.setting", name=name, value=repr(value), words=words))

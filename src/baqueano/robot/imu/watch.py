@@ -90,7 +90,7 @@ class ImuWatch:
 
     def _listen(self, now_ns: int, answered: bool) -> bool:
         """Count the silence; a caller that slept has not listened. Whether it is time to start the chip again."""
-        spent = min(now_ns - self._called_ns, LONGEST_CALL_NS)
+        span_ns = min(now_ns - self._called_ns, LONGEST_CALL_NS)
         self._called_ns = now_ns
         if answered:
             if self.silent:
@@ -99,14 +99,14 @@ class ImuWatch:
             self.silent, self.last_ns, self.bus_stuck, self._error = False, now_ns, False, None
             self._quiet_ns = self.rounds = 0
             return False
-        self._quiet_ns += spent
+        self._quiet_ns += span_ns
         if self._quiet_ns < SILENCE_NS + self.rounds * SECOND:
             return False
         self.rounds += 1
         if not self.silent:
             self.silent = True
-            why = f": {reason(self._error)}" if self._error else ""
-            self.tell(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=why)
+            cause = f": {reason(self._error)}" if self._error else ""
+            self.tell(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=cause)
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:

@@ -41,10 +41,10 @@ def line_losses(before: Statistics, now: Statistics, trouble: Diagnostic | None 
 
 def uno_losses(before: Statistics, now: Statistics) -> Line:
     """Return the counts of the Uno itself since `before`; a warning where it missed any frame."""
-    written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
+    frames, spoilt, ignored_frames, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     return _line(
-        "drive.uno", bool(spoilt or ignored or overrun), written=written, spoilt=spoilt,
-        spoilt_percent=100.0 * spoilt / max(1, written), ignored=ignored, overrun=overrun,
+        "drive.uno", bool(spoilt or ignored_frames or overrun), written=frames, spoilt=spoilt,
+        spoilt_percent=100.0 * spoilt / max(1, frames), ignored=ignored_frames, overrun=overrun,
     )  # fmt: skip
 
 

@@ -33,9 +33,9 @@ class Journal:
         """Say what is driven from now on; a disk that takes nothing does not keep the vehicle from driving."""
         kinds = dict.fromkeys([*mission.blocks.values(), *USERS.findall(mission.vehicle)])
         own = ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
-        driven = {"boot": _boot(), "kind": mission.kind, "run": run, "blocks": own, "texts": [*mission.texts]}
+        entry = {"boot": _boot(), "kind": mission.kind, "run": run, "blocks": own, "texts": [*mission.texts]}
         with suppress(OSError, ValueError):
-            self.path.write_text(json.dumps(driven) + "\n", encoding="utf-8")
+            self.path.write_text(json.dumps(entry) + "\n", encoding="utf-8")
             if not faulthandler.is_enabled():
                 self._traces = self.path.open("a", encoding="utf-8")
                 faulthandler.enable(self._traces, all_threads=False)
@@ -53,9 +53,9 @@ class Journal:
         """Return what ended a service since this computer was switched on; None for none, or where the power went."""
         try:
             first, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")
-            driven = json.loads(first)
-            figures = {name: str(driven[name]) for name in ("kind", "run", "blocks")}
-            boot, texts = driven["boot"], [str(name) for name in driven["texts"]]
+            entry = json.loads(first)
+            figures = {name: str(entry[name]) for name in ("kind", "run", "blocks")}
+            boot, texts = entry["boot"], [str(name) for name in entry["texts"]]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged by a power cut
             return None
         if boot != _boot():

@@ -83,7 +83,7 @@ class Service:
         self._mission: Mission | None = None
         self._rate_hz = 1.0  # of its ticks
         self._run: str | None = None  # that is written just now
-        self._counted: Any = None  # what the IMU had counted when it began
+        self._counts_before: Any = None  # what the IMU had counted when it began
         self._bus: RecoveryOutcome | None = None  # of the IMU's bus, until the next drive
         self._no_imu: Diagnostic | None = None  # why there is none
         self._find_ns = -(1 << 62)  # when it is looked for again
@@ -108,17 +108,17 @@ class Service:
     def idle(self) -> None:
         """Check everything once while nothing drives."""
         self._find_imu()
-        for what in self._world.look(self.now_ns()):
-            self._event("warning", what)
+        for message in self._world.look(self.now_ns()):
+            self._event("warning", message)
         self._free_bus()
         self._give_back()
         machine, trouble = self.machine, self._not_ready()
-        if (stopped := self.operator.why(attended=False)) is not None:
+        if (stop_reason := self.operator.why(attended=False)) is not None:
             self.uno.stop()
-            self.operator.forget(stopped)
+            self.operator.forget(stop_reason)
             self._clearing = False
-            machine.go("stop", stopped)
-        elif self._cleared() and machine.state is DoorState.STOPPED:
+            machine.go("stop", stop_reason)
+        elif self._stop_is_over() and machine.state is DoorState.STOPPED:
             machine.go("clear", stop(StopReason.CHECKED_AGAIN))
             self.journal.end()
         elif machine.state is DoorState.DISARMED and trouble is None:
@@ -130,16 +130,16 @@ class Service:
         self.healthy()
         self._publish()
 
-    def _cleared(self) -> bool:
+    def _stop_is_over(self) -> bool:
         """Return True if a stop is over. After a request each look clears the latch of the Uno, until telemetry
         shows that it is gone: a frame may be lost."""
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         trouble = self.uno.trouble
-        gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
-        self._clearing = clear_requested or (self._clearing and not gone)
+        latch_gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
+        self._clearing = clear_requested or (self._clearing and not latch_gone)
         if self._clearing:
             self.uno.clear_stop()
-        return gone
+        return latch_gone
 
     def _give_back(self) -> None:
         """While nothing drives the Uno has the limits of this vehicle's own file: a mission brought others, a reset
@@ -191,30 +191,30 @@ class Service:
         except BaqueanoError as error:
             self.patience(HANGING_S)
             self.operator.free()
-            why, code = error.diagnostic, error.exit_code
-            self.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
+            reason, code = error.diagnostic, error.exit_code
+            self.tell({"is": "done", "id": name, "run": None, "why": reason, "code": code})
             return
         self._run = path.name
         self._publish(at_once=True)  # nothing more is published until it is prepared
         try:
-            why, code = outcome_of(lambda: self._driven(mission, attended, path))
+            reason, code = outcome_of(lambda: self._drive_with_journal(mission, attended, path))
         finally:
             self.uno.disarm()
             self.journal.end()
             self.health.limits = self.hardware
             self.patience(HANGING_S)
-        regular_end = why is None or code or self.operator.done
+        regular_end = reason is None or code or self.operator.done
         late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
-        stopped = late if regular_end else why
-        self.machine.go("done" if stopped is None else "stop", stopped)
-        self.operator.forget(stopped)
+        stop_reason = late if regular_end else reason
+        self.machine.go("done" if stop_reason is None else "stop", stop_reason)
+        self.operator.forget(stop_reason)
         self._run = self._mission = None
         self._publish(at_once=True)
         self.operator.free()
         run = path.name if path.exists() else None
-        self.tell({"is": "done", "id": name, "run": run, "why": why, "code": code})
+        self.tell({"is": "done", "id": name, "run": run, "why": reason, "code": code})
 
-    def _driven(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
+    def _drive_with_journal(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
         """Drive a mission; the journal holds it meanwhile."""
         self.journal.begin(mission, path.name)
         return self.drive(mission, attended, path)
@@ -231,7 +231,7 @@ class Service:
             self._record, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            self._counted, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
+            self._counts_before, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
             observers = (watching, Adjusting(self.operator, self.tell, mission.blocks))
             try:
                 perform(
@@ -252,7 +252,7 @@ class Service:
             if start < 0:
                 start = due
                 world.begin(due)
-                self._counted = None if self.imu is None else replace(self.imu.counts)
+                self._counts_before = None if self.imu is None else replace(self.imu.counts)
                 self.uno.arm()
                 self.patience(HANGING_S)
             behind_ms = (self.now_ns() - due) / 1e6
@@ -265,8 +265,12 @@ class Service:
             self.healthy()
             self._publish(world)
 
-    def _event(self, level: str, what: Diagnostic | str) -> None:
-        message = what if isinstance(what, Diagnostic) else note("hardware.note", Severity(level), words=what)
+    def _event(self, level: str, content: Diagnostic | str) -> None:
+        message = (
+            content
+            if isinstance(content, Diagnostic)
+            else note("hardware.note", Severity(level), words=content)
+        )
         self.tell({"is": "event", "level": level, "said": message})
 
     def _not_ready(self) -> Diagnostic | None:
@@ -312,8 +316,8 @@ class Service:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             fix = f"ls -ld {self.folder}"
-            why = fault("service.no-run-there", fix, folder=self.folder, error=error.strerror)
-            raise FileError(why) from error
+            cause = fault("service.no-run-there", fix, folder=self.folder, error=error.strerror)
+            raise FileError(cause) from error
         stem = f"{datetime.now():%Y%m%d-%H%M%S}-{kind}"
         for k in range(100):
             path = self.folder / (f"{stem}.mcap" if k == 0 else f"{stem}-{k}.mcap")
@@ -351,8 +355,8 @@ class _ServiceObserver(Observer):
 
     def why(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
-        why = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
-        return why or s.operator.why(self._attended)
+        reason = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
+        return reason or s.operator.why(self._attended)
 
     def marked(self) -> int:
         return self._service.operator.marked()
@@ -371,10 +375,10 @@ class _ServiceObserver(Observer):
             (CLOCK_SOURCE, *self._late.line()), (LINE_SOURCE, *line_losses(self._before, now, s.uno.trouble)),
             (UNO_SOURCE, *uno_losses(self._before, now)),
         ]  # fmt: skip
-        if s._counted is not None:
-            last.append((IMU_SOURCE, *imu_losses(s._counted, s.imu.counts)))
-        for _, level, what in last:
-            s._event(level, what)
+        if s._counts_before is not None:
+            last.append((IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts)))
+        for _, level, message in last:
+            s._event(level, message)
         s.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
         s.patience(CLOSING_S)
         return last

@@ -62,10 +62,10 @@ def new_password() -> str:
 def boot_partition(folder: Path | None) -> Path:
     """Return the mounted boot partition: `folder`, or the only one there is. FileError if it is not one."""
     if folder is None:
-        there = [path for label in LABELS for path in Path("/").glob(label.lstrip("/"))]
-        if len(there) != 1:
-            raise FileError(fault("card.cards", cards=len(there) or "no"))
-        folder = there[0]
+        partitions = [path for label in LABELS for path in Path("/").glob(label.lstrip("/"))]
+        if len(partitions) != 1:
+            raise FileError(fault("card.cards", cards=len(partitions) or "no"))
+        folder = partitions[0]
     if not (folder / "cmdline.txt").is_file() or not (folder / "config.txt").is_file():
         raise FileError(fault("card.no-boot", folder=folder))
     return folder
@@ -73,16 +73,16 @@ def boot_partition(folder: Path | None) -> Path:
 
 def public_key(path: Path | None) -> str:
     """Return the text of the user's ssh key. FileError where it does not exist, or is not the public part."""
-    tried = (
+    candidates = (
         [path] if path else [Path.home() / ".ssh" / f"id_{kind}.pub" for kind in ("ed25519", "ecdsa", "rsa")]
     )
-    for place in tried:
+    for place in candidates:
         if place.is_file():
             text = place.read_text(encoding="utf-8", errors="replace").strip()
             if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
                 raise FileError(fault("card.no-public-key", place=place))
             return text
-    raise FileError(fault("card.no-key", known=tried))
+    raise FileError(fault("card.no-key", known=candidates))
 
 
 def connection(network: Network, name: str) -> str:
@@ -94,14 +94,14 @@ def connection(network: Network, name: str) -> str:
         "autoconnect=true",
         "",
         "[wifi]",
-        f"ssid={_escaped(network.ssid)}",
+        f"ssid={_escape(network.ssid)}",
     ]
     if network.own:
         channel = CHANNELS[zlib.crc32(name.encode()) % len(CHANNELS)]
         lines += ["mode=ap", "band=bg", f"channel={channel}"]
     else:
         lines += ["mode=infrastructure", "powersave=2"]  # 2: never; saving power costs 100 ms a packet
-    lines += ["", "[wifi-security]", "key-mgmt=wpa-psk", f"psk={_escaped(network.password)}"]
+    lines += ["", "[wifi-security]", "key-mgmt=wpa-psk", f"psk={_escape(network.password)}"]
     if network.own:
         lines += [
             "proto=rsn",
@@ -127,7 +127,7 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
         script = script.replace(f"@{word}@", shlex.quote(value))
     with (boot / "firstrun.sh").open("w", encoding="utf-8", newline="\n") as file:
         file.write(script)
-    written = [_("{path}: {user}@{name}.local, by key", path=boot / "firstrun.sh", user=user, name=name)]
+    lines = [_("{path}: {user}@{name}.local, by key", path=boot / "firstrun.sh", user=user, name=name)]
     line = [
         word for word in (boot / "cmdline.txt").read_text(encoding="utf-8").split() if word not in STARTER
     ]
@@ -140,7 +140,7 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
         if not before.exists():
             before.write_bytes((boot / "user-data").read_bytes())
         (boot / "user-data").write_text(CLOUD, encoding="utf-8")
-        written.append(
+        lines.append(
             _(
                 "{path}: starts it by cloud-init; its former text is in user-data.before",
                 path=boot / "user-data",
@@ -148,14 +148,14 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
         )
     else:
         line += STARTER
-        written.append(
+        lines.append(
             _("{path}: starts it at the first boot, then the Pi starts anew", path=boot / "cmdline.txt")
         )
     (boot / "cmdline.txt").write_text(" ".join(line) + "\n", encoding="utf-8")
-    return written
+    return lines
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Return a string of a key file: its separators escaped, its first space too."""
     text = text.replace("\\", "\\\\").replace(";", "\\;")
     return "\\s" + text[1:] if text.startswith(" ") else text

@@ -45,12 +45,14 @@ def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
     if not content:
         return RenewedFile(file.text, b"", [])
     try:
-        theirs = parsed(content.decode("utf-8"), f"{host}:{path}")
+        robot_data = parsed(content.decode("utf-8"), f"{host}:{path}")
     except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
         line = _("the vehicle file there is not TOML ({error}): yours takes its place", error=error)
         return RenewedFile(file.text, content, [line])
-    file, kept = _with_calibration(host, file, theirs)
-    return RenewedFile(file.text, content, [*differences(theirs, parsed(file.text, file.label)), *kept])
+    file, calibration_lines = _with_calibration(host, file, robot_data)
+    return RenewedFile(
+        file.text, content, [*differences(robot_data, parsed(file.text, file.label)), *calibration_lines]
+    )
 
 
 def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
@@ -65,9 +67,9 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
 
 
 def _with_calibration(
-    host: str, file: "VehicleFile", theirs: "JsonObject"
+    host: str, file: "VehicleFile", robot_data: "JsonObject"
 ) -> tuple["VehicleFile", list[str]]:
-    provenance, leaves = theirs.get("provenance", {}), _leaves(theirs)
+    provenance, leaves = robot_data.get("provenance", {}), _leaves(robot_data)
     values: JsonObject = {}
     origins: JsonObject = {}
     lines: list[str] = []
@@ -80,12 +82,12 @@ def _with_calibration(
                     "setup.no-place-for-calibration",
                     host=host,
                     key=key,
-                    found=_shown(leaves[key]),
+                    found=_text(leaves[key]),
                     path=VEHICLE,
                 )
             )
-        mine, own = file.value(key), file.provenance.get(key)
-        if np.array_equal(np.asarray(mine), np.asarray(leaves[key])):
+        file_value, own = file.value(key), file.provenance.get(key)
+        if np.array_equal(np.asarray(file_value), np.asarray(leaves[key])):
             origins |= {} if own is not None else {key: origin}
             continue
         when = origin.get("date")
@@ -96,11 +98,11 @@ def _with_calibration(
                 _(
                     "{key}: {value} stays, calibrated there on {when}",
                     key=key,
-                    value=_shown(leaves[key]),
+                    value=_text(leaves[key]),
                     when=when,
                 )
                 if when
-                else _("{key}: {value} stays, calibrated there", key=key, value=_shown(leaves[key]))
+                else _("{key}: {value} stays, calibrated there", key=key, value=_text(leaves[key]))
             )
     if lines:
         lines.append(
@@ -115,7 +117,7 @@ def _with_calibration(
 
 
 def _in(leaves: "JsonObject", key: str) -> str:
-    return _shown(leaves[key]) if key in leaves else _("not there")
+    return _text(leaves[key]) if key in leaves else _("not there")
 
 
 def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
@@ -126,6 +128,6 @@ def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
     return leaves
 
 
-def _shown(value: object) -> str:
+def _text(value: object) -> str:
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"

@@ -95,9 +95,9 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     tree = Path(baqueano.__file__).resolve().parents[2]
     if (tree / "pyproject.toml").exists():
-        _piped([*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(tree)])
+        _run_pip([*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(tree)])
     else:
-        _piped([*pip, "download", "--no-deps", "--dest", str(folder), f"baqueano=={baqueano.__version__}"])
+        _run_pip([*pip, "download", "--no-deps", "--dest", str(folder), f"baqueano=={baqueano.__version__}"])
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text(encoding="utf-8")
     packages = {match[1]: match[0] for match in LOCK.finditer(lock)}
     missing = [
@@ -113,12 +113,12 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
             )
         )
         tag = f"{machine.python[0]}{machine.python[1]}"
-        where = [x for glibc in GLIBC for x in ("--platform", f"{glibc}_{machine.kind}")]
+        platforms = [x for glibc in GLIBC for x in ("--platform", f"{glibc}_{machine.kind}")]
         abis = ["--abi", f"cp{tag}", "--abi", "abi3", "--abi", "none"]
         (folder / "onboard.lock").write_text(lock, encoding="utf-8")
-        _piped(
-            [*pip, "download", "--only-binary=:all:", "--implementation", "cp", "--python-version", tag, *abis, *where,
-             "--dest", str(folder), "--no-deps", "--require-hashes", "-r", str(folder / "onboard.lock")]
+        _run_pip(
+            [*pip, "download", "--only-binary=:all:", "--implementation", "cp", "--python-version", tag, *abis,
+             *platforms, "--dest", str(folder), "--no-deps", "--require-hashes", "-r", str(folder / "onboard.lock")]
         )  # fmt: skip
     _write_locks(folder, packages)
     for name in ("baqueano.service", "60-baqueano.rules"):
@@ -141,7 +141,7 @@ def steps_in_this_language() -> str:
         for call in calls
         if isinstance(call.func, ast.Name) and call.func.id == "_" and isinstance(call.args[0], ast.Constant)
     ]
-    catalogue = {str(one): _(str(one)) for one in words}
+    catalogue = {str(word): _(str(word)) for word in words}
     return text.replace(NO_WORDS, f"{NO_WORDS[:-2]}{catalogue!r}", 1)
 
 
@@ -156,10 +156,10 @@ def _write_locks(folder: Path, packages: dict[str, str]) -> None:
     (folder / "packages.lock").write_text(rest + own, encoding="utf-8")
 
 
-def _piped(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
-    if done.returncode:
-        lines = done.stderr.strip().splitlines() or [_("without output")]
+def _run_pip(command: list[str]) -> None:
+    process = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
+    if process.returncode:
+        lines = process.stderr.strip().splitlines() or [_("without output")]
         raise FileError(fault("setup.packages", said=lines[-1]))
 
 
@@ -177,12 +177,12 @@ def setup(
             (folder / BASE).write_bytes(new.base)
         for line in new.lines:
             say(f"vehicle.toml  {line}")
-    packed = io.BytesIO()
-    with tarfile.open(fileobj=packed, mode="w") as tar:
+    archive = io.BytesIO()
+    with tarfile.open(fileobj=archive, mode="w") as tar:
         for path in sorted(folder.iterdir()):
             tar.add(path, path.name)
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && tar -x -C {THERE}"
-    if run(ssh(host, command), packed.getvalue())[1]:
+    if run(ssh(host, command), archive.getvalue())[1]:
         raise RobotUnreachable(fault("setup.packages-not-sent", host=host))
     words = ["--bundle", THERE, "--user", machine.user, "--root", root, "--now", f"{time.time():.0f}"]
     try:

@@ -76,8 +76,8 @@ class Pi:
     def groups(self, *names: str) -> dict[str, list[str]]:
         """Members of those of these groups that this system has."""
         fields = [line.split(":") for line in text_of(self.at("etc/group")).splitlines()]
-        there = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
-        return {group: there[group] for group in names if group in there}
+        members = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
+        return {group: members[group] for group in names if group in members}
 
     def account(self) -> list[str] | None:
         """Fields of the account of the service; None while it does not exist."""
@@ -113,8 +113,8 @@ def whole(path: Path, text: str) -> None:
 
 def commanded(*command: str) -> str:
     """Return the output of a command; SystemExit with its words where it fails."""
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
-    if done.returncode:
-        output, line = (done.stderr or done.stdout).strip()[-2000:], " ".join(command)
-        sys.exit(_("{command} failed ({code}): {words}", command=line, code=done.returncode, words=output))
-    return done.stdout
+    process = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
+    if process.returncode:
+        output, line = (process.stderr or process.stdout).strip()[-2000:], " ".join(command)
+        sys.exit(_("{command} failed ({code}): {words}", command=line, code=process.returncode, words=output))
+    return process.stdout

@@ -139,7 +139,7 @@ def linked(pi: Pi, path: str, to: str) -> Step:
 
 def account(pi: Pi) -> Step:
     """The service is somebody of its own, who cannot log in and is in no group but those of its devices."""
-    if (there := pi.account()) is not None and Path(there[6]).name not in NOBODY:
+    if (entry := pi.account()) is not None and Path(entry[6]).name not in NOBODY:
         sys.exit(
             _(
                 "on this vehicle {user} is somebody who logs in, and the service needs that name: log in as another "
@@ -168,8 +168,8 @@ def groups(pi: Pi) -> Step:
     """The user may open the line, the bus and a game pad, and speaks to the service."""
 
     def missing() -> list[str]:
-        there = {**pi.groups(*GROUPS), ACCOUNT: pi.groups(ACCOUNT).get(ACCOUNT, [])}
-        return [group for group, members in there.items() if pi.user not in members]
+        members_of = {**pi.groups(*GROUPS), ACCOUNT: pi.groups(ACCOUNT).get(ACCOUNT, [])}
+        return [group for group, members in members_of.items() if pi.user not in members]
 
     def do() -> None:
         pi.note("groups", missing())
@@ -245,13 +245,13 @@ def environment(pi: Pi) -> Step:
 def vehicle(pi: Pi) -> Step:
     """The vehicle file. One that is there is replaced only by one that was made from it, whose text is in the bundle as
     vehicle.toml.seen; it stays beside it."""
-    target, ours = pi.at(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
+    target, bundle_file = pi.at(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
-    def done() -> bool:
-        if not ours.exists() or not target.exists():
-            return not ours.exists()
-        return not base.exists() or target.read_bytes() == ours.read_bytes()
+    def is_done() -> bool:
+        if not bundle_file.exists() or not target.exists():
+            return not bundle_file.exists()
+        return not base.exists() or target.read_bytes() == bundle_file.read_bytes()
 
     def do() -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -262,20 +262,20 @@ def vehicle(pi: Pi) -> Step:
                 )
             shutil.copyfile(target, before)
         part = target.with_name("vehicle.toml.part")
-        shutil.copyfile(ours, part)
+        shutil.copyfile(bundle_file, part)
         os.replace(part, target)
 
-    old = _("; the one before is vehicle.toml.before") if target.exists() and not done() else ""
-    return Step(f"/var/lib/baqueano/vehicle.toml{old}", done, do, lambda: None)
+    old = _("; the one before is vehicle.toml.before") if target.exists() and not is_done() else ""
+    return Step(f"/var/lib/baqueano/vehicle.toml{old}", is_done, do, lambda: None)
 
 
 def home(pi: Pi) -> Step:
     """Runs and vehicle file are the service's; its group, whoever speaks to it, may change the vehicle file."""
     place = pi.at(HOME)
 
-    def done() -> bool:
-        there = pi.account()
-        return there is not None and place.exists() and place.stat().st_uid == int(there[2])
+    def is_done() -> bool:
+        entry = pi.account()
+        return entry is not None and place.exists() and place.stat().st_uid == int(entry[2])
 
     def do() -> None:
         pi.note("home", True)
@@ -288,7 +288,7 @@ def home(pi: Pi) -> Step:
             pi.run("chown", "-R", f"{pi.user}:", str(place))
             pi.note("home", None)
 
-    return Step(_("/{path}: it is of {user}", path=HOME, user=ACCOUNT), done, do, undo)
+    return Step(_("/{path}: it is of {user}", path=HOME, user=ACCOUNT), is_done, do, undo)
 
 
 def service(pi: Pi) -> Step:

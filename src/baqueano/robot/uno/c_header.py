@@ -63,7 +63,7 @@ def c_header() -> str:
         frames.Wiring,
     ):
         names = snake(group.__name__).upper()
-        lines += ["", *(f"#define {names}_{one.name} {one.value}" for one in group)]
+        lines += ["", *(f"#define {names}_{member.name} {member.value}" for member in group)]
     lines += [
         "",
         *(f"#define MOST_PWM_HZ_{driver.name} {most}" for driver, most in frames.MOST_PWM_HZ.items()),

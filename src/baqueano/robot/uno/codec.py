@@ -128,7 +128,7 @@ class Decoder:
             return []
         *pieces, rest = (self._open + data).split(b"\0")
         self._open = rest[: LONGEST + 1]
-        return [received for piece in pieces if piece and (received := self._read(piece))]
+        return [frame for piece in pieces if piece and (frame := self._read(piece))]
 
     def _read(self, piece: bytes) -> ReceivedFrame | None:
         body = unstuff(piece) if len(piece) <= LONGEST else None

@@ -99,25 +99,25 @@ def flash(
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise UsageError(fault("flash.no-avrdude"))
-    where = find_port(port)
+    device_path = find_port(port)
     say(
         _(
             "{where}: writing {size} bytes ({name}, {checksum})",
-            where=where,
+            where=device_path,
             size=size,
             name=path.name,
             checksum=checksum(path),
         )
     )
-    _written(avrdude, where, path)
-    with connected(where) as uno:
+    _write(avrdude, device_path, path)
+    with connected(device_path) as uno:
         info = uno.info
         assert info is not None
         version = f"{info.version_major}.{info.version_minor}.{info.version_patch}"
-        return FlashResult(where, size, version, info.boots)
+        return FlashResult(device_path, size, version, info.boots)
 
 
-def _written(avrdude: str, where: str, path: Path) -> None:
+def _write(avrdude: str, device_path: str, path: Path) -> None:
     command = [
         avrdude,
         "-q",
@@ -126,7 +126,7 @@ def _written(avrdude: str, where: str, path: Path) -> None:
         "-p",
         "m328p",
         "-P",
-        where,
+        device_path,
         "-b",
         "115200",
         "-D",
@@ -134,13 +134,13 @@ def _written(avrdude: str, where: str, path: Path) -> None:
         f"flash:w:{path}:i",
     ]
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             command, capture_output=True, encoding="utf-8", errors="replace", timeout=SECONDS
         )
     except subprocess.TimeoutExpired as error:
-        raise RobotUnreachable(fault("flash.too-slow", where=where, within_s=SECONDS)) from error
-    if done.returncode:
-        complaint = [line for line in done.stderr.splitlines() if line.strip() and "ioctl" not in line]
+        raise RobotUnreachable(fault("flash.too-slow", where=device_path, within_s=SECONDS)) from error
+    if process.returncode:
+        complaint = [line for line in process.stderr.splitlines() if line.strip() and "ioctl" not in line]
         raise RobotUnreachable(
-            fault("flash.failed", where=where, said=complaint[0] if complaint else done.returncode)
+            fault("flash.failed", where=device_path, said=complaint[0] if complaint else process.returncode)
         )

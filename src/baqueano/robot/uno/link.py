@@ -99,7 +99,7 @@ class Uno:
         self._before: EarlierFrame | None = None
         self._nonce: int | None = None  # of the boot that was heard last
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
-        self._armed, self._confirmed, self._damaged = False, False, 0
+        self._armed, self._confirmed, self._damaged_count = False, False, 0
         self._armed_ns = 0  # when it was said
         self._unarmed_ns: int | None = None  # since when telemetry shows that it was not heard
         self._lock = threading.RLock()  # a listening thread and the loop share the line
@@ -163,9 +163,9 @@ class Uno:
     def stood_still(self) -> Diagnostic | None:
         """Return why nothing drives on after a standstill of the computer; None where it may. It disarms."""
         config = Config() if self.info is None else self.info.config
-        if self._armed and (why := self._standstill.look(config.dead_man_ms)):
+        if self._armed and (reason := self._standstill.look(config.dead_man_ms)):
             with self._lock:
-                self._armed, self.trouble = False, why
+                self._armed, self.trouble = False, reason
             self._drive(0, 0, 0)
         return self._standstill.why
 
@@ -180,13 +180,13 @@ class Uno:
         except OSError:
             return
         now_ns = self._now_ns()
-        for received in self._decoder.feed(data) if data else ():
-            self._take(received, now_ns)
-        damaged = self._decoder.bad_crc + self._decoder.bad_shape
-        if damaged > self._damaged:
+        for received_frame in self._decoder.feed(data) if data else ():
+            self._take(received_frame, now_ns)
+        damaged_frames = self._decoder.bad_crc + self._decoder.bad_shape
+        if damaged_frames > self._damaged_count:
             self.noise_ns = now_ns
-            self.statistics.damaged += damaged - self._damaged
-        self._damaged = damaged
+            self.statistics.damaged += damaged_frames - self._damaged_count
+        self._damaged_count = damaged_frames
         if now_ns - self._pinged_ns >= PING_EVERY_S * 1e9:
             self._pinged_ns, self._token = now_ns, (self._token + 1) & 0xFFFFFFFF
             if self._send(Ping(self._token)):
@@ -198,7 +198,7 @@ class Uno:
 
     def reopened(self) -> None:
         """The line is another one: who is there has to be asked again."""
-        self.info, self._decoder, self._damaged = None, Decoder(), 0
+        self.info, self._decoder, self._damaged_count = None, Decoder(), 0
         self._pings.clear()
 
     # outside a drive: question and answer
@@ -212,20 +212,22 @@ class Uno:
     ) -> Reply:
         """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
         none comes within ANSWER_S."""
-        answered: Any = None
+        received_reply: Any = None
         self._replies.pop(answer, None)
-        end_ns, again_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
+        end_ns, retry_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
         while self._now_ns() < end_ns:
-            if self._now_ns() >= again_ns:
+            if self._now_ns() >= retry_ns:
                 self._send(question)
-                again_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
+                retry_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
             wait(0.002)
             self.pump()
-            answered = self._replies.pop(answer, answered)
-            if answered is not None and accepts(answered):
-                return answered
-        if answered is not None:
-            raise RobotUnreachable(fault("uno.refused-number", question=str(question), said=str(answered)))
+            received_reply = self._replies.pop(answer, received_reply)
+            if received_reply is not None and accepts(received_reply):
+                return received_reply
+        if received_reply is not None:
+            raise RobotUnreachable(
+                fault("uno.refused-number", question=str(question), said=str(received_reply))
+            )
         if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
             raise RobotUnreachable(
                 fault("uno.answer-not-whole", question=type(question).__name__, within_s=ANSWER_S)
@@ -250,7 +252,7 @@ class Uno:
 
     def keep(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
         """Writes `settings` into its EEPROM; only while disarmed."""
-        self.ask(settings, Settings, wait, lambda kept: kept == settings)
+        self.ask(settings, Settings, wait, lambda reply: reply == settings)
 
     # what comes in
 
@@ -269,15 +271,15 @@ class Uno:
             self.statistics.written += 1
             return True
 
-    def _take(self, received: ReceivedFrame, now_ns: int) -> None:
+    def _take(self, received_frame: ReceivedFrame, now_ns: int) -> None:
         self.statistics.received += 1
-        if isinstance(received.frame, State | Info):
-            self._of_boot(received.frame)
-        if not self._in_turn(received):
+        if isinstance(received_frame.frame, State | Info):
+            self._of_boot(received_frame.frame)
+        if not self._in_turn(received_frame):
             self.statistics.late += 1
-            if not self._newer(received.frame):
+            if not self._newer(received_frame.frame):
                 return
-        match received.frame:
+        match received_frame.frame:
             case State() as state:
                 self._take_state(state, now_ns)
             case Pong(token, t_us) if token in self._pings:
@@ -289,15 +291,19 @@ class Uno:
             case frame:
                 self._replies[type(frame)] = frame
 
-    def _in_turn(self, received: ReceivedFrame) -> bool:
+    def _in_turn(self, received_frame: ReceivedFrame) -> bool:
         """Return True if neither this frame nor a newer one came before; count those missing before it. After
         a long silence its sequence says nothing, and the time of telemetry counts."""
-        ahead = (received.seq - self._seq_received) & 0xFF
-        if self._seq_received >= 0 and not 0 < ahead < 128 and not self._newer(received.frame, SILENCE_US):
+        ahead = (received_frame.seq - self._seq_received) & 0xFF
+        if (
+            self._seq_received >= 0
+            and not 0 < ahead < 128
+            and not self._newer(received_frame.frame, SILENCE_US)
+        ):
             return False
         if self._seq_received >= 0:
             self.statistics.lost += (ahead - 1) & 0xFF
-        self._seq_received = received.seq
+        self._seq_received = received_frame.seq
         return True
 
     def _newer(self, frame: Frame, by_us: int = 0) -> bool:
@@ -310,10 +316,10 @@ class Uno:
         """Notices that the firmware began anew, though the line was gone meanwhile."""
         if self._nonce is not None and frame.nonce != self._nonce:
             self.info = None  # it will be asked who it is now
-            self._restarted(frame.reset_cause if isinstance(frame, Info) else 0)
+            self._take_restart(frame.reset_cause if isinstance(frame, Info) else 0)
         self._nonce = frame.nonce
 
-    def _restarted(self, cause: int) -> None:
+    def _take_restart(self, cause: int) -> None:
         """The firmware began anew: what was armed is not, and its clock and counts begin at 0."""
         self.statistics.resets += 1
         self.clock, self._before, self._seq_received = UnoClock(), None, -1
@@ -329,7 +335,7 @@ class Uno:
         before = self._before
         if before is not None:
             t_ns = max(t_ns, before.t_ns + 1)
-            self._counted(before.state, state)
+            self._count(before.state, state)
         self._before = EarlierFrame(state, t_us, t_ns)
         self._judge(state, t_ns)
         self._telemetry.append(
@@ -342,7 +348,7 @@ class Uno:
             )
         )  # fmt: skip
 
-    def _counted(self, before: State, now: State) -> None:
+    def _count(self, before: State, now: State) -> None:
         """Return the misses of the Uno between two of its frames. Its counters wrap at 256."""
         s = self.statistics
         s.spoilt += (now.bad_frames - before.bad_frames) & 0xFF

@@ -56,10 +56,10 @@ class SerialPort:
 
     def close(self) -> None:
         """Gives the line back."""
-        gone, self._serial = self._serial, None
-        if gone is not None:
+        line, self._serial = self._serial, None
+        if line is not None:
             with suppress(OSError):
-                gone.close()
+                line.close()
 
     def write(self, data: bytes) -> None:
         """Sends within WRITE_S, or not at all as far as the other end can tell: half a frame fails its CRC."""
@@ -121,16 +121,16 @@ def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     try:
         line.open()
     except OSError as error:
-        raise RobotUnreachable(_refused(path, error)) from error
-    uno, done = Uno(line), threading.Event()
-    listener = threading.Thread(target=listen, args=(line, uno, done), name="uno", daemon=True)
+        raise RobotUnreachable(_refusal(path, error)) from error
+    uno, end_event = Uno(line), threading.Event()
+    listener = threading.Thread(target=listen, args=(line, uno, end_event), name="uno", daemon=True)
     listener.start()
     try:
         introduce(uno, path)
         yield uno
     finally:
         uno.disarm()
-        done.set()
+        end_event.set()
         listener.join()
         line.close()
 
@@ -170,15 +170,15 @@ def find_port(port: str) -> str:
     """Return the path of the line; for "auto" that of the only one."""
     if port != "auto":
         return port
-    there = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))
-    if not there:
+    ports = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))
+    if not ports:
         raise RobotUnreachable(fault("uno.no-line"))
-    if len(there) > 1:
-        raise UsageError(fault("uno.several-lines", count=len(there), lines=there, first=there[0]))
-    return there[0]
+    if len(ports) > 1:
+        raise UsageError(fault("uno.several-lines", count=len(ports), lines=ports, first=ports[0]))
+    return ports[0]
 
 
-def _refused(path: str, error: OSError) -> str:
+def _refusal(path: str, error: OSError) -> str:
     if error.errno in (errno.EACCES, errno.EPERM):
         user = os.environ.get("USER", "you")
         return _(

@@ -84,7 +84,7 @@ class StoredSettings:
     def table(self) -> str:
         """For people, by the names of the options."""
         whole, *ways = self.rows()
-        shown = {
+        unit_texts = {
             "battery-ratio": _("V for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, to and fro"),
             "dither-ms": "ms", "mark": _("over the tape"),
         }  # fmt: skip
@@ -92,7 +92,7 @@ class StoredSettings:
         for name in (*KINDS, *PLUGS, *NUMBERS):
             value = whole[name.replace("-", "_")]
             text = f"{number(value):g}" if isinstance(value, float) else value
-            lines.append(f"{name:15} {text} {shown.get(name, '')}".rstrip())
+            lines.append(f"{name:15} {text} {unit_texts.get(name, '')}".rstrip())
         lines.append(f"{'':15} dead-zone  slope   kick")
         for way in ways:
             zone, slope, kick = (way[name.replace("-", "_")] for name in OF_WAYS)
@@ -140,8 +140,8 @@ def _with(settings: Settings, name: str, text: str) -> Settings:
         return settings._replace(**{field: kind[word.upper()]})
     if name in PLUGS:
         flag, words = PLUGS[name]
-        other_way_round = words.index(_word(name, text, list(words)))
-        return settings._replace(wiring=settings.wiring & ~flag | flag * other_way_round)
+        is_reversed = words.index(_word(name, text, list(words)))
+        return settings._replace(wiring=settings.wiring & ~flag | flag * is_reversed)
     if name in NUMBERS:
         field, unit = NUMBERS[name]
         return settings._replace(**{field: _number(name, text, text, Settings, field, unit)})
@@ -164,7 +164,7 @@ def _word(name: str, text: str, words: list[str]) -> str:
 
 def _number(name: str, text: str, size: str, layout: type, field: str, unit: int) -> int:
     """In units of the wire, within the range that the firmware takes."""
-    (least, most), *_others = (f.within for f in FIELDS[layout] if f.path == field)
+    (least, most), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
     try:
         value = float(size)
     except ValueError:

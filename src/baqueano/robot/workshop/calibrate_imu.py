@@ -165,13 +165,13 @@ def calibrate(watched: ImuReader, say: Say) -> MountedImu:
     say(_("now lift its front by a hand's breadth, straight over the rear, and hold it there"))
     least = LEAST_LIFT * STANDARD_GRAVITY
 
-    def tilted(accel: np.ndarray) -> bool:
+    def is_tilted(accel: np.ndarray) -> bool:
         return bool(np.abs(_across(accel - first, up)).max() > least)
 
-    axes, lift = ahead(watched.changed(N_("the lift of the front"), tilted) - first, up)
+    axes, lift = ahead(watched.changed(N_("the lift of the front"), is_tilted) - first, up)
     say(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
     before = watched.turned
-    watched.changed(N_("the turn"), lambda accel: _turned(watched, before, up) and not tilted(accel))
+    watched.changed(N_("the turn"), lambda accel: _is_turned(watched, before, up) and not is_tilted(accel))
     second, gyro_2 = watched.still(REST_S, N_("after the turn"))
     gyro = float(0.5 * up @ (gyro_1 + gyro_2))
     turn = float(up @ (watched.turned - before))
@@ -182,9 +182,9 @@ def calibrate(watched: ImuReader, say: Say) -> MountedImu:
     )
 
 
-def _turned(watched: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
+def _is_turned(reader: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
     """(3) AnswerNo where it went to the right."""
-    turn = float(up @ (watched.turned - before))
+    turn = float(up @ (reader.turned - before))
     if turn < -LEAST_TURN_RAD:
         raise AnswerNo(fault("calibrate.turned-right", turned_deg=-np.degrees(turn)))
     return turn > LEAST_TURN_RAD
@@ -204,21 +204,21 @@ def upward(force: np.ndarray) -> np.ndarray:
 def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
     """The chip's axes (3, 3), rows ahead, left, up, and the lift [rad], by what the force gained.  (2) AnswerNo where
     it was lifted over a corner."""
-    gained = _across(change, up)
-    first, second = np.argsort(-np.abs(gained))[:2]
-    if abs(gained[second]) > CLEAR * abs(gained[first]):
+    gains = _across(change, up)
+    first, second = np.argsort(-np.abs(gains))[:2]
+    if abs(gains[second]) > CLEAR * abs(gains[first]):
         raise AnswerNo(
             fault(
                 "calibrate.lifted-over-corner",
-                first_m_s2=abs(gained[first]),
-                second_m_s2=abs(gained[second]),
+                first_m_s2=abs(gains[first]),
+                second_m_s2=abs(gains[second]),
                 clear=CLEAR,
             )
         )
     front = np.zeros(3)
-    front[first] = np.sign(gained[first])
+    front[first] = np.sign(gains[first])
     return np.stack([front, np.cross(up, front), up]), float(
-        np.arcsin(min(1.0, abs(gained[first]) / STANDARD_GRAVITY))
+        np.arcsin(min(1.0, abs(gains[first]) / STANDARD_GRAVITY))
     )
 
 

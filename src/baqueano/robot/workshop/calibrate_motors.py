@@ -177,14 +177,14 @@ def _give_back(floor: "FloorTests", before: Settings, say: Say) -> None:
     """Stores what was stored before. An Uno that is still armed, for a command was lost, refuses it: each try disarms
     it anew. Ctrl-C meanwhile ends the tries."""
     try:
-        for left in reversed(range(TRIES)):
+        for remaining in reversed(range(TRIES)):
             floor.uno.disarm()
             floor.wait(0.05)
             try:
                 floor.uno.keep(before, floor.wait)
                 break
             except RobotUnreachable:
-                if not left:
+                if not remaining:
                     raise
         say(_("the Uno keeps its old settings"))
     except (RobotUnreachable, KeyboardInterrupt):
@@ -198,23 +198,23 @@ def _give_back(floor: "FloorTests", before: Settings, say: Say) -> None:
         )
 
 
-def _alone(wheel: int, duty: float, other: float = 0.0) -> tuple[float, float]:
-    return (duty, other) if wheel == 0 else (other, duty)
+def _wheel_duties(wheel: int, duty: float, other_duty: float = 0.0) -> tuple[float, float]:
+    return (duty, other_duty) if wheel == 0 else (other_duty, duty)
 
 
 def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
     """Duty at which the vehicle turns, and the turn's sign.  (1)"""
     bias = floor.rest(0.3).gyro[:, 2].mean()
-    reached: list[float] = []
+    levels: list[float] = []
 
     def duties(t_s: float) -> tuple[float, float]:
-        reached.append(min(1.0, RAMP_PER_S * t_s))
-        return _alone(wheel, direction * reached[-1])
+        levels.append(min(1.0, RAMP_PER_S * t_s))
+        return _wheel_duties(wheel, direction * levels[-1])
 
-    measured = floor.follow(
+    samples = floor.follow(
         duties, 1.0 / RAMP_PER_S + 0.5, lambda sample: abs(sample.gyro[2] - bias) > TURNS_RAD_S
     )
-    turn = measured.gyro[-1, 2] - bias
+    turn = samples.gyro[-1, 2] - bias
     floor.hold(0.0, 0.0, PAUSE_S)
     if abs(turn) <= TURNS_RAD_S:
         raise AnswerNo(
@@ -224,7 +224,7 @@ def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, flo
                 direction=N_("forwards") if direction > 0 else N_("backwards"),
             )
         )
-    return reached[-1], float(np.sign(turn))
+    return levels[-1], float(np.sign(turn))
 
 
 def _wiring(floor: "FloorTests", say: Say) -> Wiring:
@@ -236,15 +236,18 @@ def _wiring(floor: "FloorTests", say: Say) -> Wiring:
         turn_r,
     )  # of commands with which both wheels run one way, if they are where they should be
     duties = [min(1.0, duty + ABOVE) * sign for duty, sign in zip((left, right), signs, strict=True)]
-    pushed = _push(floor, duties) - _push(floor, [-d for d in duties])
-    if abs(pushed) < PUSHED_M_S:
+    push_m_s = _push(floor, duties) - _push(floor, [-d for d in duties])
+    if abs(push_m_s) < PUSHED_M_S:
         raise AnswerNo(
             fault(
-                "calibrate.no-push", "baqueano robot calibrate imu", push_m_s=0.5 * abs(pushed), push_s=PUSH_S
+                "calibrate.no-push",
+                "baqueano robot calibrate imu",
+                push_m_s=0.5 * abs(push_m_s),
+                push_s=PUSH_S,
             )
         )
     wiring = Wiring(0)
-    if pushed > 0.0:
+    if push_m_s > 0.0:
         wiring |= Wiring.LEFT_MOTOR_REVERSED if turn_l > 0 else Wiring(0)
         wiring |= Wiring.RIGHT_MOTOR_REVERSED if turn_r < 0 else Wiring(0)
     else:  # the command for the left drives the right wheel
@@ -258,34 +261,36 @@ def _wiring(floor: "FloorTests", say: Say) -> Wiring:
 def _push(floor: "FloorTests", duties: list[float]) -> float:
     """∫ a dt along the axis ahead [m/s].  (2)"""
     bias = floor.rest(0.3).accel[:, 0].mean()
-    measured = floor.hold(duties[0], duties[1], PUSH_S)
+    samples = floor.hold(duties[0], duties[1], PUSH_S)
     floor.hold(0.0, 0.0, PAUSE_S)
-    return float(np.mean(measured.accel[:, 0] - bias) * PUSH_S)
+    return float(np.mean(samples.accel[:, 0] - bias) * PUSH_S)
 
 
 def _sweeps(floor: "FloorTests", say: Say) -> tuple[Sweep, ...]:
     """All four ways.  (3)"""
-    started = [_ramp(floor, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
+    start_duties = [_ramp(floor, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
     sweeps = []
     for place, name in enumerate(NAMES):
         wheel, direction = divmod(place, 2)
         sign = 1.0 - 2.0 * direction
-        other = min(1.0, started[2 * (1 - wheel) + 1 - direction] + ABOVE)  # it runs the other way
-        sweeps.append(_sweep(floor, wheel, sign, started[place], other, name))
+        other_duty = min(1.0, start_duties[2 * (1 - wheel) + 1 - direction] + ABOVE)  # it runs the other way
+        sweeps.append(_sweep(floor, wheel, sign, start_duties[place], other_duty, name))
         say(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=sweeps[-1].dead_zone))
     return tuple(sweeps)
 
 
-def _sweep(floor: "FloorTests", wheel: int, sign: float, started: float, other: float, name: str) -> Sweep:
+def _sweep(
+    floor: "FloorTests", wheel: int, sign: float, start_duty: float, other_duty: float, name: str
+) -> Sweep:
     bias = floor.rest(0.3).gyro[:, 2].mean()
     turn = sign * TURN[wheel]
-    duties = [*np.linspace(min(1.0, started + 0.4), max(0.02, started - 0.1), LEVELS), 0.0]
+    duties = [*np.linspace(min(1.0, start_duty + 0.4), max(0.02, start_duty - 0.1), LEVELS), 0.0]
     turns = []
     for duty in duties:
-        measured = floor.hold(*_alone(wheel, sign * float(duty), -sign * other), SETTLE_S + MEAN_S)
-        turns.append(turn * float(np.mean(measured.after(SETTLE_S).gyro[:, 2] - bias)))
+        samples = floor.hold(*_wheel_duties(wheel, sign * float(duty), -sign * other_duty), SETTLE_S + MEAN_S)
+        turns.append(turn * float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias)))
     floor.hold(0.0, 0.0, PAUSE_S)
-    return fitted(started, np.array(duties[:-1]), np.array(turns[:-1]) - turns[-1], name)
+    return fitted(start_duty, np.array(duties[:-1]), np.array(turns[:-1]) - turns[-1], name)
 
 
 def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
@@ -303,7 +308,7 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
             )
         )
     powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)
-    line, *_others = np.linalg.lstsq(powers, duties[runs], rcond=None)
+    line, *_rest = np.linalg.lstsq(powers, duties[runs], rcond=None)
     rms = float(np.sqrt(np.mean((powers @ line - duties[runs]) ** 2)))
     dead_zone = float(np.clip(line[0], 0.0, 1.0))
     if dead_zone > 0.7:
@@ -328,19 +333,19 @@ def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...]
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
     floor.store(settings)
     before = tuple(_differ(floor, sign, reach)[0] for sign in (1.0, -1.0))
-    trimmed = list(settings.ways)
-    for place, way in enumerate(trimmed):
+    new_ways = list(settings.ways)
+    for place, way in enumerate(new_ways):
         wheel, direction = divmod(place, 2)
         more = 1.0 - TURN[wheel] * 0.5 * before[direction]
-        trimmed[place] = way._replace(slope_permille=_slope(way.slope_permille * more))
-    settings = settings._replace(ways=tuple(trimmed))
+        new_ways[place] = way._replace(slope_permille=_slope(way.slope_permille * more))
+    settings = settings._replace(ways=tuple(new_ways))
     floor.store(settings)
     (forwards, turn_f), (backwards, turn_b) = (_differ(floor, sign, reach) for sign in (1.0, -1.0))
-    held_f, held_b = (_held_heading(floor, sign, reach) for sign in (1.0, -1.0))
+    error_f, error_b = (_heading_error(floor, sign, reach) for sign in (1.0, -1.0))
     return Motors(
         settings, sweeps, (before[0], before[1]), (forwards, backwards),
         (float(np.degrees(turn_f)), float(np.degrees(turn_b))),
-        (float(np.degrees(held_f)), float(np.degrees(held_b))),
+        (float(np.degrees(error_f)), float(np.degrees(error_b))),
     )  # fmt: skip
 
 
@@ -348,13 +353,13 @@ def _differ(floor: "FloorTests", sign: float, reach: float) -> tuple[float, floa
     """ε of (5), + where the right wheel does more, and the turn [rad/s]."""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     request = sign * STRAIGHT_REQUEST
-    measured: ImuSamples = floor.hold(request, request, STRAIGHT_S)
-    turn = float(np.mean(measured.after(SETTLE_S).gyro[:, 2] - bias))
+    samples: ImuSamples = floor.hold(request, request, STRAIGHT_S)
+    turn = float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias))
     floor.hold(0.0, 0.0, PAUSE_S)
     return turn / (request * reach), turn
 
 
-def _held_heading(floor: "FloorTests", sign: float, reach: float) -> float:
+def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
     """The heading [rad] that is off after a straight drive in which it was held.  (6)"""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))

@@ -130,10 +130,10 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
         )
         return
     off = chip.rate_hz / chip.settings.rate_hz - 1.0
-    failed, clock = chip.counts.overflows + chip.counts.failures, chip.clock
+    failures, clock = chip.counts.overflows + chip.counts.failures, chip.clock
     yield Check(
         N_("IMU rate"),
-        "ok" if abs(off) < 0.05 and not failed and not clock.slips else "warn",
+        "ok" if abs(off) < 0.05 and not failures and not clock.slips else "warn",
         _(
             "{rate_hz:.2f} ± {rate_error_hz:.2f} Hz of {rate_hz2} ({off:+.1%}), stamped within "
             "{phase_error_ns:.1f} ms; {failed} calls failed or overflowed, {slips} times samples lost",
@@ -142,7 +142,7 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
             rate_hz2=chip.settings.rate_hz,
             off=off,
             phase_error_ns=1e-06 * clock.phase_error_ns,
-            failed=failed,
+            failed=failures,
             slips=clock.slips,
         ),
         _("Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off"),
@@ -223,17 +223,17 @@ def groups(root: Path) -> Iterator[Check]:
         for line in (root / "etc/group").read_text(encoding="utf-8").splitlines():
             name, _mark, gid, *_rest = line.split(":")
             names[int(gid)] = name
-    mine = {names.get(gid) for gid in os.getgroups()} if POSIX else set()
-    for group, what in GROUPS.items():
+    own_groups = {names.get(gid) for gid in os.getgroups()} if POSIX else set()
+    for group, device in GROUPS.items():
         if group not in names.values():
             yield Check(f"group {group}", "unknown", _("there is no such group on this machine"))
-        elif group in mine or (POSIX and os.geteuid() == 0):
-            yield Check(f"group {group}", "ok", _("{what} may be opened", what=_(what)))
+        elif group in own_groups or (POSIX and os.geteuid() == 0):
+            yield Check(f"group {group}", "ok", _("{what} may be opened", what=_(device)))
         else:
             yield Check(
                 f"group {group}",
                 "bad",
-                _("this user is not in it: {what} may not be opened", what=_(what)),
+                _("this user is not in it: {what} may not be opened", what=_(device)),
                 _("Type: sudo usermod -aG {group} $USER, and log in again", group=group),
             )
 
@@ -245,11 +245,11 @@ def power(root: Path) -> Iterator[Check]:
     except (OSError, ValueError):
         yield Check(N_("supply"), "unknown", _("this machine does not report it (a Raspberry Pi does)"))
         return
-    throttled = [_(text) for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
+    causes = [_(text) for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
     yield Check(
         N_("supply"),
-        "bad" if bits & 0xF else "warn" if throttled else "ok",
-        ", ".join(throttled) or _("never under 4.63 V"),
+        "bad" if bits & 0xF else "warn" if causes else "ok",
+        ", ".join(causes) or _("never under 4.63 V"),
         _("Use a supply of 5.1 V and 2.5 A with short thick wires, apart from the motors' battery"),
     )
 
@@ -272,7 +272,7 @@ def temperature(root: Path) -> Iterator[Check]:
 def governor(root: Path) -> Iterator[Check]:
     """Check the governor of the processor's clock: one that steps makes ticks late."""
     try:
-        chosen = (
+        mode = (
             (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
             .read_text(encoding="utf-8")
             .strip()
@@ -282,8 +282,8 @@ def governor(root: Path) -> Iterator[Check]:
         return
     yield Check(
         N_("governor"),
-        "ok" if chosen == "performance" else "warn",
-        chosen,
+        "ok" if mode == "performance" else "warn",
+        mode,
         _(
             "The service sets performance; by hand: echo performance | sudo tee "
             "/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"

@@ -36,23 +36,23 @@ def service_off(say: Say) -> Iterator[None]:
         return
     _not_driving()
     sudo = ["sudo", "-n"] if shutil.which("sudo") else []
-    done = _quiet([*sudo, "systemctl", "stop", SERVICE])
-    if done.returncode:
+    process = _quiet([*sudo, "systemctl", "stop", SERVICE])
+    if process.returncode:
         raise UsageError(
-            fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=done.stderr.strip())
+            fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip())
         )
     say(_("{service} stopped meanwhile", service=SERVICE))
     try:
         yield
     finally:
-        done = _quiet([*sudo, "systemctl", "start", SERVICE])
+        process = _quiet([*sudo, "systemctl", "start", SERVICE])
         say(
             _(
                 "{service} was not started again ({error}). Type: sudo systemctl start {service}",
                 service=SERVICE,
-                error=done.stderr.strip(),
+                error=process.stderr.strip(),
             )
-            if done.returncode
+            if process.returncode
             else _("{service} started again", service=SERVICE)
         )
 
@@ -98,13 +98,13 @@ def there(host: str, *verb: str) -> list["TableRow"]:
         pass
     if code == INTERRUPTED:
         raise KeyboardInterrupt
-    why = {
+    cause = {
         127: _("{host} lacks baqueano. Type: baqueano robot setup {host}", host=host),
         255: _("{host} was not reached by ssh. To see why: ssh {host}", host=host),
     }.get(
         code, _("{host}: baqueano {verb} ended there, for the reason above.", host=host, verb=" ".join(verb))
     )
-    raise of_code(code, why, otherwise=RobotUnreachable)
+    raise of_code(code, cause, otherwise=RobotUnreachable)
 
 
 def _language_setting() -> list[str]:

@@ -60,15 +60,15 @@ class FloorTests:
     ) -> ImuSamples:  # fmt: skip
         """Send duties by the time [s] for this time, or until a sample meets the condition."""
         start = imu_ns = uno_ns = self.now_ns()
-        samples, done = [], False
+        samples, finished = [], False
         self.imu.read()
-        while not done and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
+        while not finished and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
             self.uno.drive(*duties(t_s))
             self.wait(STEP_S)
             uno_ns = self.now_ns() if self.uno.receive() else uno_ns
             new = self.imu.read()
             samples += new
-            done = any(until(sample) for sample in new)
+            finished = any(until(sample) for sample in new)
             imu_ns = self.now_ns() if new else imu_ns
             self._check(uno_ns, imu_ns)
         return ImuSamples(
@@ -103,11 +103,11 @@ class FloorTests:
         self.uno.arm()
 
     def _check(self, uno_ns: int, imu_ns: int) -> None:
-        why, silent_ns = self.uno.trouble, self.now_ns() - round(SILENT_S * 1e9)
+        reason, silent_ns = self.uno.trouble, self.now_ns() - round(SILENT_S * 1e9)
         if imu_ns < silent_ns:
-            why = stop(StopReason.IMU_SILENT)
+            reason = stop(StopReason.IMU_SILENT)
         if uno_ns < silent_ns:
-            why = stop(StopReason.UNO_ABSENT)
-        if why is not None:
+            reason = stop(StopReason.UNO_ABSENT)
+        if reason is not None:
             self.uno.stop()
-            raise SafetyStop(note("calibration.stopped", Severity.ERROR, cause=why))
+            raise SafetyStop(note("calibration.stopped", Severity.ERROR, cause=reason))

@@ -32,9 +32,9 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
     from baqueano.robot.uno.serial_port import connected, find_port
 
     try:
-        where = find_port(port)
-        with connected(where) as link:
-            yield Check(N_("serial line"), "ok", where)
+        device_path = find_port(port)
+        with connected(device_path) as link:
+            yield Check(N_("serial line"), "ok", device_path)
             time.sleep(FIRST_S)
             before = copy(link.statistics)  # a frame whose beginning was missed counts as damaged
             commanded(link, seconds, time.sleep)
@@ -66,15 +66,15 @@ def answers(
             _("Look at its supply, and try again"),
         )
         return
-    has, ours = (info.version_major, info.version_minor, info.version_patch), VERSION
+    has, own_version = (info.version_major, info.version_minor, info.version_patch), VERSION
     yield Check(
         N_("firmware"),
-        "ok" if has == ours else "warn",
+        "ok" if has == own_version else "warn",
         _(
             "{version}, protocol {protocol} (this baqueano: {ours}, {our_protocol})",
             version=".".join(map(str, has)),
             protocol=info.protocol,
-            ours=".".join(map(str, ours)),
+            ours=".".join(map(str, own_version)),
             our_protocol=PROTOCOL,
         ),
         _("Type: baqueano robot flash"),
@@ -113,29 +113,29 @@ def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
         )
     else:
         yield Check(N_("link round trip"), "bad", _("no answer to a ping"), _("Type: baqueano robot flash"))
-    lost, damaged, came = link.statistics.since(before, "lost", "damaged", "received")
+    lost_frames, damaged_frames, came = link.statistics.since(before, "lost", "damaged", "received")
     yield Check(
         N_("frames"),
-        of_share((lost + damaged) / max(1, came + lost)),
-        _("{came} came, {lost} lost, {damaged} damaged", came=came, lost=lost, damaged=damaged),
+        of_share((lost_frames + damaged_frames) / max(1, came + lost_frames)),
+        _("{came} came, {lost} lost, {damaged} damaged", came=came, lost=lost_frames, damaged=damaged_frames),
         _(QUIETER),
     )
 
 
 def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
     """Check the Uno's counts of the frames that were sent to it; `info` is its answer to a request for its identity."""
-    written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
-    share = spoilt / max(1, written)
+    frames, spoilt, ignored_frames, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
+    share = spoilt / max(1, frames)
     return Check(
         N_("frames to the Uno"),
-        "warn" if (ignored or overrun) and share < LOSS_BAD else of_share(share),
+        "warn" if (ignored_frames or overrun) and share < LOSS_BAD else of_share(share),
         _(
             "{written} sent, {spoilt} damaged ({share:.1f} %), {ignored} not obeyed, {overrun} bytes "
             "lost in its receiver; earlier, since its start, {earlier} damaged",
-            written=written,
+            written=frames,
             spoilt=spoilt,
             share=100.0 * share,
-            ignored=ignored,
+            ignored=ignored_frames,
             overrun=overrun,
             earlier=info.bad_crc + info.bad_shape,
         ),
@@ -149,15 +149,15 @@ def start(info: "Info") -> Check:
     """Why the Uno started last. The supply also sags while it comes up."""
     from baqueano.robot.uno.frames import ResetCause, causes
 
-    why = info.reset_cause
-    hung, sagged = why & (ResetCause.WATCHDOG | ResetCause.HUNG), why & ResetCause.BROWN_OUT
+    cause = info.reset_cause
+    hung, brown_out = cause & (ResetCause.WATCHDOG | ResetCause.HUNG), cause & ResetCause.BROWN_OUT
     return Check(
         N_("Uno's start"),
-        "warn" if hung or (sagged and not why & ResetCause.POWER) else "ok",
+        "warn" if hung or (brown_out and not cause & ResetCause.POWER) else "ok",
         _(
             "number {boots}, by {causes}",
             boots=info.boots,
-            causes=causes(why) or _("a cause that its boot-loader hides"),
+            causes=causes(cause) or _("a cause that its boot-loader hides"),
         ),
         _("Its firmware hung. Type: baqueano robot flash")
         if hung

@@ -116,19 +116,19 @@ class MessageLayout:
         name = frame.encode() + b"\0"
         text, at = f"<4siII{len(name)}s", 16 + len(name)
         places: list[tuple[str, Any, int]] = []  # name, type, byte of the message
-        for what, kind, count in fields:
+        for field, kind, count in fields:
             if kind != "array":
                 pad = -at % 4
-                places.append((what if kind == "uint32" else f"{what}/count", "<u4", at + pad))
+                places.append((field if kind == "uint32" else f"{field}/count", "<u4", at + pad))
                 text, at = text + f"{pad}xI", at + pad + 4
             if kind != "uint32" and count:
                 pad = (4 - at) % 8  # the encapsulation does not count
-                places.append((what, ("<f8", (count,)), at + pad))
+                places.append((field, ("<f8", (count,)), at + pad))
                 text, at = text + f"{pad}x{count}d", at + pad + 8 * count
         self._struct = struct.Struct(text)
         self._head = (len(name), name)
-        self._counts = {f"{what}/count": count for what, kind, count in fields if kind == "sequence"}
-        self._empty = [what for what, kind, count in fields if kind == "sequence" and not count]
+        self._counts = {f"{field}/count": count for field, kind, count in fields if kind == "sequence"}
+        self._empty = [field for field, kind, count in fields if kind == "sequence" and not count]
         names, formats, offsets = zip(*places, strict=True)
         self._dtype = np.dtype(
             {"names": names, "formats": formats, "offsets": offsets, "itemsize": self._struct.size}
@@ -148,7 +148,7 @@ class MessageLayout:
             if (rows[name] != count).any():
                 raise Invalid(fault("damage.message-numbers", count=count, field=name.removesuffix("/count")))
         read = {name: rows[name] for name in rows.dtype.names or () if name not in self._counts}
-        return read | {what: np.zeros((len(sizes), 0)) for what in self._empty}
+        return read | {field: np.zeros((len(sizes), 0)) for field in self._empty}
 
 
 def command_layout(size: int, frame: str = "base_link") -> MessageLayout:
@@ -224,8 +224,8 @@ def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data
     """Pack a rcl_interfaces/msg/Log: `function` holds the code of the message, `file` its data in JSON."""
     body = struct.pack("<iIB", t_ns // NANOSECONDS, t_ns % NANOSECONDS, level)
     for words in (source, text, data, code):
-        encoded = words.replace("\0", "").encode("utf-8", "replace") + b"\0"
-        body += bytes(-len(body) % 4) + struct.pack("<I", len(encoded)) + encoded
+        content = words.replace("\0", "").encode("utf-8", "replace") + b"\0"
+        body += bytes(-len(body) % 4) + struct.pack("<I", len(content)) + content
     return CDR + body + bytes(-len(body) % 4) + struct.pack("<I", 0)
 
 

@@ -82,8 +82,8 @@ class Packing:
         level = 10 + 10 * LEVELS.index(event.level)
         message = event.diagnostic
         data = ("", "") if message is None else (str(message.code), json.dumps(message.to_json()))
-        packed = topic.pack(event.t_ns, level, event.source, event.text, *data)
-        self.put(topic.id, event.t_ns, packed, event.t_ns, False)
+        payload = topic.pack(event.t_ns, level, event.source, event.text, *data)
+        self.put(topic.id, event.t_ns, payload, event.t_ns, False)
 
     def _pose(self, name: str, t_ns: int, eta: list[float]) -> None:
         topic = self.file.fixed(name)

@@ -103,7 +103,7 @@ def read_bytes(path: Path) -> bytes:
     if not data:
         raise FileError(fault("runs.empty", path=path))
     if data[: len(MAGIC)] != MAGIC:
-        kind = next((what for start, what in FOREIGN.items() if data.startswith(start)), None)
+        kind = next((name for start, name in FOREIGN.items() if data.startswith(start)), None)
         if kind is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
             raise FileError(fault("runs.cut-at-once", path=path, size=len(data)))
         kind = kind or ("bytes" if b"\0" in data[:1000] else "text")
@@ -152,7 +152,7 @@ class _RunAssembly:
         rows = self.read("/command/applied", "u", self.sized(messages.command_layout))
         if rows is None:
             topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
-            why = _listed(self.contents.problems[:2])
+            cause = _join_causes(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA) is None and self.topics:
                 raise FileError(
                     fault(
@@ -167,7 +167,7 @@ class _RunAssembly:
                     "runs.nothing-saved",
                     path=self.path,
                     size=self.contents.size,
-                    error=why or note("runs.ends-early"),
+                    error=cause or note("runs.ends-early"),
                 )
             )
         newer = np.diff(rows.arrival_ns, prepend=-1) > 0
@@ -216,35 +216,35 @@ class _RunAssembly:
         m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in pieces)
         silent = sum(len(t_ns) for size, _, t_ns, _ in pieces if size != m)
         self.fill("/estimate", silent, (m or 0) * (1 + (m or 0) * with_cov))
-        return _joined([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
+        return _concatenate([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
         rows = self.fixed("/reference", messages.reference_layout())
         if rows is None:
             return None
         t_ns, f = rows
-        return _joined([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
+        return _concatenate([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
 
     def truth(self) -> TruthLog | None:
         rows = self.fixed("/truth", messages.motion_layout())
         if rows is None:
             return None
         t_ns, f = rows
-        return _joined([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
+        return _concatenate([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
 
     def events(self) -> Iterable[Event]:
-        unread, why = 0, None
+        unread, cause = 0, None
         for _, key in self.topics.get("/events", []):
             for t_ns, message in self.contents.messages.pop(key, NOTHING).each():
                 self.take("/events", EVENT + 4 * len(message))
                 try:
                     level, source, text, data = messages.unpack_log(message)
                 except ValueError as error:
-                    unread, why = unread + 1, why or cause_of(error)
+                    unread, cause = unread + 1, cause or cause_of(error)
                     continue
                 yield Event(t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text, _diagnostic(data))
         if unread:
-            self.notes.append(_warning("run.unread-events", count=unread, cause=why))
+            self.notes.append(_warning("run.unread-events", count=unread, cause=cause))
 
     def vehicle_text(self) -> str:
         text = self.contents.attachments.get(VEHICLE_FILE)
@@ -266,7 +266,7 @@ class _RunAssembly:
         if self.contents.problems:
             more = max(self.contents.places - 3, 0)
             problems, code = (
-                _listed(self.contents.problems[:3]),
+                _join_causes(self.contents.problems[:3]),
                 "run.damaged-often" if more else "run.damaged",
             )
             warnings.append(_warning(code, **of, places=problems, more=more))
@@ -288,8 +288,8 @@ class _RunAssembly:
         if topic not in self.topics:
             return None
         channel, key = self.topics[topic][0]
-        made = layout(topic, channel.schema, self.number(topic, channel.metadata.get("size", "")))
-        t_ns, arrival_ns, fields = self.unpacked(topic, made, key)
+        message_layout = layout(topic, channel.schema, self.number(topic, channel.metadata.get("size", "")))
+        t_ns, arrival_ns, fields = self.unpacked(topic, message_layout, key)
         z = messages.imu_z(fields) if channel.schema == "sensor_msgs/msg/Imu" else fields[values]
         order = np.argsort(arrival_ns, kind="stable")
         return Channel(t_ns[order], arrival_ns[order], np.ascontiguousarray(z[order]))
@@ -324,14 +324,14 @@ class _RunAssembly:
         if self.taken > memory_limit.allowed(self.contents.size) // 2:
             raise self.strange(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
 
-    def strange(self, topic: str, why: Diagnostic | str) -> FileError:
+    def strange(self, topic: str, cause: Diagnostic | str) -> FileError:
         return FileError(
             fault(
                 "runs.foreign-topic",
                 typed("runs", "import", "MAP.toml", self.path),
                 path=self.path,
                 topic=topic,
-                error=why,
+                error=cause,
             )
         )
 
@@ -340,7 +340,7 @@ def _warning(code: str, **figures: Any) -> Diagnostic:
     return note(code, Severity.WARNING, **figures)
 
 
-def _listed(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
+def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
     """Return several causes as one, None of none."""
     first = causes[0] if causes else None
     for then in causes[1:]:
@@ -362,7 +362,7 @@ def _estimate_piece(
     return t_ns, f["eta"], f["nu"], f["cov"].reshape(k, 6, 6), innovation, innovation_cov
 
 
-def _joined(pieces: list[Any], kind: Any) -> Any:
+def _concatenate(pieces: list[Any], kind: Any) -> Any:
     """The pieces of a log as one, by time."""
     order = np.argsort(np.concatenate([piece[0] for piece in pieces]), kind="stable")
     place = np.empty_like(order)

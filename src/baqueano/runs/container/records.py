@@ -148,9 +148,9 @@ class _Walk:
         at: int | None = len(MAGIC)
         while at is not None and at < len(self.data) and not self.contents.complete:
             at = self.record(at)
-        unknown = [k for k in self.contents.messages if k not in self.contents.channels]
-        if unknown:
-            self.lost(-1, -1, note("damage.names", topics=len(unknown)))
+        unnamed_channels = [k for k in self.contents.messages if k not in self.contents.channels]
+        if unnamed_channels:
+            self.lost(-1, -1, note("damage.names", topics=len(unnamed_channels)))
         topics = Counter[str]()
         for key, of_channel in self.contents.messages.items():
             topic = self.contents.channels[key].topic if key in self.contents.channels else ""
@@ -178,18 +178,18 @@ class _Walk:
         if kind == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
             rest = _NOT_ZERO.search(self.data, at)
             end += ((rest.start() if rest else len(self.data)) - end) // 9 * 9
-            why = note("damage.zeros")
+            cause = note("damage.zeros")
         elif not 0 < kind <= LAST_KNOWN:
-            why = note("damage.unknown-kind", kind=kind)
+            cause = note("damage.unknown-kind", kind=kind)
         elif size < LEAST.get(kind, 0):
-            why = note("damage.short-record", kind=kind, size=size)
+            cause = note("damage.short-record", kind=kind, size=size)
         else:
             try:
                 self.content(kind, at + 9, end)
                 return end
             except Damage as damage:
-                why = damage.diagnostic
-        self.lost(at, end, why)
+                cause = damage.diagnostic
+        self.lost(at, end, cause)
         return self.behind(at, end)
 
     def behind(self, at: int, end: int) -> int:
@@ -200,13 +200,13 @@ class _Walk:
         self.again += end - at
         return chunk
 
-    def lost(self, at: int, to: int, why: Diagnostic | str) -> None:
+    def lost(self, at: int, to: int, cause: Diagnostic | str) -> None:
         """Names a damaged place, once for all that follows it without a gap."""
         if at < 0 or at != self.lost_to:
             self.contents.places += 1
             if self.contents.places <= MOST_REPORTED:
                 self.contents.problems.append(
-                    why if at < 0 else note("damage.at", first=at, last=to, cause=why)
+                    cause if at < 0 else note("damage.at", first=at, last=to, cause=cause)
                 )
         self.lost_to = to
 
@@ -248,7 +248,7 @@ class _Walk:
 
     def chunk(self, body: memoryview) -> None:
         records = self.opened(body)
-        at, skipped, messages, drawn = 0, 0, self.contents.messages, self.drawn
+        at, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.drawn
         while at < len(records):
             if len(records) - at < 9:
                 raise Damage(fault("damage.chunk-ends"))
@@ -260,8 +260,8 @@ class _Walk:
                 if size < 22:
                     raise Damage(fault("damage.no-times"))
                 channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, at)
-                if channel in drawn:
-                    skipped += 9 + size
+                if channel in drawn_channels:
+                    skipped_bytes += 9 + size
                 else:
                     of_channel = messages.get(channel)
                     if of_channel is None:
@@ -275,7 +275,7 @@ class _Walk:
             elif kind in (SCHEMA, CHANNEL):
                 self.named(kind, Cursor(records[at : at + size]), self.contents.channels)
             at += size
-        self.contents.kept += (len(records) - skipped) * 9 // 8  # what grows has room for more
+        self.contents.kept += (len(records) - skipped_bytes) * 9 // 8  # what grows has room for more
 
     def footer(self, cursor: Cursor, crc_at: int) -> None:
         if self.closed:
@@ -296,11 +296,11 @@ class _Walk:
             return
         channel, schema = cursor.number(2), cursor.number(2)
         topic, _ = cursor.text(), cursor.text()
-        declared = McapChannel(topic, self.schemas.get(schema, ""), cursor.pairs())
-        if channels.get(channel) != declared:
-            channels[channel] = declared
+        description = McapChannel(topic, self.schemas.get(schema, ""), cursor.pairs())
+        if channels.get(channel) != description:
+            channels[channel] = description
             self.keep(NAMED * len(cursor.data))
-        if declared.schema in self.unread:
+        if description.schema in self.unread:
             self.drawn.add(channel)
 
     def attachment(self, body: memoryview) -> None:
@@ -339,19 +339,19 @@ class _Walk:
         cursor = Cursor(body)
         cursor.take(_CHUNK_HEAD.size)
         compression = cursor.text()
-        packed = cursor.take(cursor.number(8))
+        payload = cursor.take(cursor.number(8))
         if cursor.at != len(body):
             raise Damage(fault("damage.chunk-longer"))
         if size > LARGEST_CHUNK:
             raise Damage(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
-        _check_size(compression, packed, size)
-        taken = len(self.data) + self.contents.kept
+        _check_size(compression, payload, size)
+        memory_bytes = len(self.data) + self.contents.kept
         room = max(
-            (memory_limit.allowed(len(self.data)) - taken) // 2, 0
+            (memory_limit.allowed(len(self.data)) - memory_bytes) // 2, 0
         )  # the records, and what is kept of them
-        records = decompressed(compression, packed, min(size, room))
+        records = decompressed(compression, payload, min(size, room))
         self.unpacked += len(records)
-        self.afford(max(self.unpacked, taken + 2 * (size if len(records) > room else len(records))))
+        self.afford(max(self.unpacked, memory_bytes + 2 * (size if len(records) > room else len(records))))
         if len(records) != size:
             raise Damage(fault("damage.chunk-size", bytes=len(records), said_bytes=size))
         if checksum and checksum != zlib.crc32(records):
@@ -359,13 +359,13 @@ class _Walk:
         return records
 
 
-def _check_size(compression: str, packed: memoryview, size: int) -> None:
+def _check_size(compression: str, payload: memoryview, size: int) -> None:
     """Damage where the compressed data say another size than their chunk."""
     if compression == "zstd":
         import zstandard
 
         try:
-            size_in_frame = zstandard.frame_content_size(packed)
+            size_in_frame = zstandard.frame_content_size(payload)
         except zstandard.ZstdError as error:
             raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
         if size_in_frame not in (-1, size):

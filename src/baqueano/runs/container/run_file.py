@@ -66,7 +66,7 @@ class RunFile:
         self._topics: dict[tuple[object, ...], Topic] = {}
         self._schemas: dict[str, int] = {}
         self._is_imu = imu_names(vehicle_text)
-        self._stream = _opened(path)
+        self._stream = _open(path)
         self._mcap = Writer(self._stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
         self._mcap.start(profile="ros2", library="baqueano")
         self._mcap.add_metadata(METADATA, sealed(metadata))
@@ -164,7 +164,7 @@ def unsealed(record: dict[str, str]) -> dict[str, str] | None:
     return metadata if record == sealed(metadata) else None
 
 
-def _opened(path: Path) -> Any:
+def _open(path: Path) -> Any:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         stream = path.open("xb")

@@ -77,7 +77,7 @@ class RunWriter:
         self.dropped = 0  # messages left out because the disk was too slow
         self._live = live
         self._file = RunFile(self.path, vehicle_text, versions() | dict(metadata or {}))
-        self._packing = Packing(self._file, self._put)
+        self._packing = Packing(self._file, self._append)
         self._queue: deque[tuple[int, int, bytes, int]] = deque()
         self._closing, self._closed = threading.Event(), False
         self._once: set[str] = set()
@@ -157,18 +157,18 @@ class RunWriter:
             if error is None:
                 raise
 
-    def _say(self, what: str, pack: Callable[..., Any], *args: object) -> None:
+    def _say(self, subject: str, pack: Callable[..., Any], *args: object) -> None:
         """Pack a message; one that cannot be packed is reported once in the run, and the rest goes on."""
         try:
             pack(*args)
         except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
-            if what not in self._once:
-                self._once.add(what)
+            if subject not in self._once:
+                self._once.add(subject)
                 self.event(
-                    self._t_ns, "error", "run writer", note("run.not-packed", what=what, error=str(error))
+                    self._t_ns, "error", "run writer", note("run.not-packed", what=subject, error=str(error))
                 )
 
-    def _put(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
+    def _append(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
         if self.failure is not None:
             return
         for time_ns in (arrival_ns, t_ns):
@@ -184,12 +184,12 @@ class RunWriter:
         self._queue.append((topic, arrival_ns, data, t_ns))
 
     def _work(self) -> None:
-        kept = time.monotonic()
+        sync_s = time.monotonic()
         try:
             while not self._closing.wait(MOVE_S):
                 self._move()
-                if time.monotonic() - kept >= SYNC_S - MOVE_S:
-                    kept = time.monotonic()
+                if time.monotonic() - sync_s >= SYNC_S - MOVE_S:
+                    sync_s = time.monotonic()
                     self._file.keep()
         except OSError as error:
             self.failure = error
@@ -235,7 +235,7 @@ def write_run(run: Run, path: Path | str) -> Path:
     part.unlink(missing_ok=True)
     file = RunFile(part, run.vehicle_text, run.metadata)
     try:
-        for message in _packed(run, file):
+        for message in _messages(run, file):
             file.add(*message)
         file.finish()
         os.replace(part, path)
@@ -248,17 +248,17 @@ def write_run(run: Run, path: Path | str) -> Path:
     return path
 
 
-def _packed(run: Run, file: RunFile) -> Iterator[Message]:
+def _messages(run: Run, file: RunFile) -> Iterator[Message]:
     """All messages of a run by arrival, packed when they are asked for; every topic is named, also those without
     messages."""
     messages_: list[Message] = []
 
-    def put(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
+    def collect(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
         if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
             raise UsageError(fault("runs.times", run=run.name, t_ns=min(arrival_ns, t_ns)))
         messages_.append((topic, arrival_ns, data, t_ns))
 
-    def packed(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
+    def messages_of(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
         for k in np.argsort(arrival_ns, kind="stable"):
             pack(int(k))
             of_row = messages_.copy()
@@ -266,7 +266,7 @@ def _packed(run: Run, file: RunFile) -> Iterator[Message]:
             yield from of_row
 
     _name_topics(run, file)
-    each = [packed(*signal) for signal in _signals(run, Packing(file, put))]
+    each = [messages_of(*signal) for signal in _signals(run, Packing(file, collect))]
     return heapq.merge(*each, key=lambda message: message[1])
 
 

@@ -62,14 +62,16 @@ def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnos
     """An error that contradicts the map: the channel, and the line to write; `otherwise` for a scale of no unit."""
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
-        inverted = note("recording.write-scale", scale=f"{-entry.scale:g}")
+        scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
         line = (
-            note("recording.and", first=inverted, then=hypothesis.meaning) if hypothesis.meaning else inverted
+            note("recording.and", first=scale_note, then=hypothesis.meaning)
+            if hypothesis.meaning
+            else scale_note
         )
-    return Doubt(hypothesis.code, "error", None, _why(hypothesis, entry, code), line)
+    return Doubt(hypothesis.code, "error", None, _reason(hypothesis, entry, code), line)
 
 
-def _why(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
+def _reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
     r = hypothesis.relation
     return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
@@ -94,17 +96,17 @@ def _by_truth(
     units = _lines(measures, entry)
     twice = {1.0 / r: note("recording.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
     (hypothesis,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
-    r, why = hypothesis.relation, _why(hypothesis, entry, "recording.against-truth")
+    r, reason = hypothesis.relation, _reason(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
         doubts.append(
             _doubt(hypothesis, entry, "recording.against-truth", note("recording.check-unit-and-scale"))
         )
     elif hypothesis.is_clear:
-        doubts += [Doubt("scale", "info", None, why)] if abs(r.slope - 1.0) > 0.02 else []
+        doubts += [Doubt("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
     elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
         doubts.append(Doubt("no sign", "info", None, note("recording.no-sign", key=entry.key)))
     elif abs(r.correlation) < NO_RELATION:
-        doubts.append(Doubt("unrelated", "warning", None, why))
+        doubts.append(Doubt("unrelated", "warning", None, reason))
     return doubts
 
 
@@ -115,7 +117,7 @@ def _late(
     that halves the residual: two clocks that are apart make a slope too small."""
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
     relations = [relation(z, true_of(float(lag))) for lag in lags]
-    r = np.array([one.correlation for one in relations])
+    r = np.array([relation.correlation for relation in relations])
     k, now, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
     if not relations[k].is_clear():
         return true_of(0.0), []
@@ -126,17 +128,17 @@ def _late(
         motion.m.files[truth.file],
         "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier",
     )
-    why = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[now], then=r[k])
+    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[now], then=r[k])
     line = note("recording.write-shift", shift_s=f"{spec.shift_s + late_s:.3g}", file=spec.name)
-    return true, [Doubt("clock", "info", None, why, line)]
+    return true, [Doubt("clock", "info", None, reason, line)]
 
 
 def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
     """Left and right wheel against the truth, or else the gyro.  (2)"""
-    apart, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
-    if not np.std(rate) > TURNED_RAD_S or not np.isfinite(apart).all():
+    difference, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
+    if not np.std(rate) > TURNED_RAD_S or not np.isfinite(difference).all():
         return []
-    (hypothesis,) = signal_map(apart[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
+    (hypothesis,) = signal_map(difference[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
     r, wheels = hypothesis.relation, f"[sensors.{motion.wheels_name}]"
     of: JsonObject = {
         "wheels": wheels,
@@ -144,28 +146,28 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
         "correlation": r.correlation,
     }
     if hypothesis.code == "inverted":
-        return [_opposed(motion, note("recording.turns-against", **of), wheels, imu)]
+        return [_opposition(motion, note("recording.turns-against", **of), wheels, imu)]
     if hypothesis.code:
         line = note("recording.check-track", wheels=wheels, by=of["by"])
         return [Doubt("track", "error", None, note("recording.track", **of, apart_m=r.slope), line)]
-    if abs(r.correlation) < NO_RELATION and np.std(apart) > 0.0:
+    if abs(r.correlation) < NO_RELATION and np.std(difference) > 0.0:
         return [Doubt("unrelated", "warning", None, note("recording.turns-otherwise", **of))]
     return []
 
 
-def _opposed(motion: LoggedMotion, why: Diagnostic, wheels: str, imu: "Imu") -> Doubt:
+def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu") -> Doubt:
     """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
     if motion.run.truth is not None:
-        return Doubt("inverted", "error", None, why, note("recording.swap-wheels", wheels=wheels))
+        return Doubt("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
     of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
-    measured = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
-    if measured.is_clear() and measured.slope < 0.0:
-        both = note("recording.and-sideways", cause=why, key=imu[1].key, correlation=measured.correlation)
+    sideways = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
+    if sideways.is_clear() and sideways.slope < 0.0:
+        both = note("recording.and-sideways", cause=reason, key=imu[1].key, correlation=sideways.correlation)
         return Doubt("inverted", "error", None, both, note("recording.write-gyro", **of))
     line = note("recording.swap-or-gyro", **of)
-    if measured.is_clear():
+    if sideways.is_clear():
         line = note("recording.swap-or-upside-down", **of, key=imu[1].key, also=f"{-imu[1].scale:g}")
-    return Doubt("inverted", "error", None, why, line)
+    return Doubt("inverted", "error", None, reason, line)
 
 
 def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
@@ -180,20 +182,24 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
         in_g = _lines("acceleration", y, "g")
         for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
             lines_by_axis[1] |= {1.0 / r: line} | {
-                one / r: note("recording.list", first=line, then=more)
-                for one, more in in_g.items()
+                unit_value / r: note("recording.list", first=line, then=more)
+                for unit_value, more in in_g.items()
                 if r > 1.0
             }
     channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in lines_by_axis]
     along, across = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
     if along.code == "swapped":
         first, second = along.relation.correlation, across.relation.correlation
-        why = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)
-        return [Doubt("swapped", "error", None, why, note("recording.swap-axes"))]
+        reason = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)
+        return [Doubt("swapped", "error", None, reason, note("recording.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
     check = note("recording.check-with-speed", source=source)
     candidates = [(along, x)] if opposed else [(across, y), (along, x)]
-    return [_doubt(one, entry, "recording.against-motion", check) for one, entry in candidates if one.code]
+    return [
+        _doubt(hypothesis, entry, "recording.against-motion", check)
+        for hypothesis, entry in candidates
+        if hypothesis.code
+    ]
 
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:
@@ -207,11 +213,11 @@ def _steering(motion: LoggedMotion) -> list[Doubt]:
     if not np.std(u[:, 0]) > MOVED:
         return []
     (hypothesis,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
-    steering, other = (names[i] for i in order)
+    steering, other_name = (names[i] for i in order)
     of: JsonObject = {"steering": steering, "correlation": hypothesis.relation.correlation}
     if hypothesis.code == "swapped":
-        why = note("recording.other-steers", **of, other=other)
-        return [Doubt("swapped", "error", None, why, note("recording.swap-commands"))]
+        reason = note("recording.other-steers", **of, other=other_name)
+        return [Doubt("swapped", "error", None, reason, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
         return [Doubt("sign", "info", None, note("recording.turns-right", **of))]
     return []

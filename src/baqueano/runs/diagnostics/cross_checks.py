@@ -36,14 +36,14 @@ def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
     )
 
 
-def _all(left: list[Doubt]) -> Diagnostic:
+def _all(doubts: list[Doubt]) -> Diagnostic:
     """Return several doubts as one; a line to write of several stands after the last."""
-    lines = [d.line for d in left]
+    lines = [d.line for d in doubts]
     each = [
         note("recording.and-line", cause=d.why, line=d.line)
         if d.line and d.line not in lines[k + 1 :]
         else d.why
-        for k, d in enumerate(left)
+        for k, d in enumerate(doubts)
     ]
     first = each[0]
     for then in each[1:]:
@@ -55,27 +55,29 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
     """All doubts about a run."""
     doubts: list[Doubt] = []
     for name, channel in run.sensors.items():
-        doubts += _alone(f"sensors.{name}", channel.t_ns, channel.z, slow=m.sensors[name].kind == "battery")
+        doubts += _channel_doubts(
+            f"sensors.{name}", channel.t_ns, channel.z, slow=m.sensors[name].kind == "battery"
+        )
         doubts += plausible(m.sensors[name], channel, run)
     doubts += commands(run, m)
     if run.truth is not None:
-        doubts += [*_alone("truth", run.truth.t_ns, run.truth.eta), *course_and_heading(run.truth)]
+        doubts += [*_channel_doubts("truth", run.truth.t_ns, run.truth.eta), *course_and_heading(run.truth)]
     return doubts + by_motion(run, m)
 
 
-def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:
+def _channel_doubts(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:
     """A signal by itself: constant, held; one that is `slow` by nature may repeat."""
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return
-    still = np.ptp(z, axis=0) == 0.0
-    for i in np.flatnonzero(still):
-        why = note("recording.constant", key=key, number=i, value=z[0, i], rows=len(z))
-        yield Doubt("constant", "warning", None, why)
+    constant = np.ptp(z, axis=0) == 0.0
+    for i in np.flatnonzero(constant):
+        reason = note("recording.constant", key=key, number=i, value=z[0, i], rows=len(z))
+        yield Doubt("constant", "warning", None, reason)
     if slow:
         return
-    lasting = np.concatenate([np.zeros(0, int), *(repeats(column).lasting for column in z[:, ~still].T)])
+    lasting = np.concatenate([np.zeros(0, int), *(repeats(column).lasting for column in z[:, ~constant].T)])
     if are_held(lasting):
         every = float(np.mean(lasting[lasting < LONG * np.median(lasting)]))
-        why = note("recording.held", key=key, share=1.0 - 1.0 / every, every=every)
-        yield Doubt("held samples", "warning", int(t_ns[0]), why, note("recording.write-new-when"))
+        reason = note("recording.held", key=key, share=1.0 - 1.0 / every, every=every)
+        yield Doubt("held samples", "warning", int(t_ns[0]), reason, note("recording.write-new-when"))

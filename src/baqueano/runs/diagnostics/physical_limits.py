@@ -56,10 +56,10 @@ def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Do
         limit, limit_text, guess = LIMITS.get(kind) or LIMITS.get(measures, (np.inf, "", ""))
         if value > limit:
             beyond = True
-            why = note(
+            reason = note(
                 "recording.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=limit_text
             )
-            yield Doubt("unit", "error", None, why, note("recording.perhaps", line=guess))
+            yield Doubt("unit", "error", None, reason, note("recording.perhaps", line=guess))
     if signal.kind == "imu" and not beyond:
         yield from _tyres(signal, channel)
         yield from _gyro(signal, channel, run)
@@ -74,11 +74,13 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
         most = float(np.quantile(np.abs(a - np.median(a)), 0.99))
         if most > TYRES_M_S2:
             level = "error" if most > 2.0 * TYRES_M_S2 else "warning"
-            why = note("recording.tyres", key=entry.key, unit_read=entry.unit, most=most, window_s=WINDOW_S)
+            reason = note(
+                "recording.tyres", key=entry.key, unit_read=entry.unit, most=most, window_s=WINDOW_S
+            )
             smaller = note("recording.perhaps", line='unit = "m/s^2"')
             if entry.unit == "m/s^2":
                 smaller = note("recording.perhaps-smaller")
-            yield Doubt("unit", level, None, why, smaller)
+            yield Doubt("unit", level, None, reason, smaller)
 
 
 def _means(channel: Channel) -> np.ndarray:
@@ -91,21 +93,21 @@ def _means(channel: Channel) -> np.ndarray:
 
 def _at_rest(run: Run, channel: Channel) -> np.ndarray:
     """(M,) samples before the first command."""
-    driven = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
-    first = run.t_ns[max(int(np.argmax(driven)) - 1, 0)] if driven.any() else run.t_ns[-1]
-    still = channel.t_ns < first
-    long = still.any() and channel.t_ns[still][-1] - channel.t_ns[0] > STILL_S * NANOSECONDS
-    return still if long and np.count_nonzero(still) > 5 else np.zeros(len(still), dtype=bool)
+    in_motion = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
+    first = run.t_ns[max(int(np.argmax(in_motion)) - 1, 0)] if in_motion.any() else run.t_ns[-1]
+    at_rest = channel.t_ns < first
+    long = at_rest.any() and channel.t_ns[at_rest][-1] - channel.t_ns[0] > STILL_S * NANOSECONDS
+    return at_rest if long and np.count_nonzero(at_rest) > 5 else np.zeros(len(at_rest), dtype=bool)
 
 
 def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
     """Two turns a second, (2) and (3)."""
-    entry, rate, still = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
+    entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
     )
     most = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
-    rest = rate[still][np.isfinite(rate[still])]
+    rest = rate[at_rest][np.isfinite(rate[at_rest])]
     off, sd = (abs(float(np.median(rest))), _spread(rest)) if len(rest) > 5 else (0.0, 0.0)
     of: JsonObject = {"key": entry.key, "unit_read": entry.unit}
     if off > BIAS_RAD_S or sd > TREMBLE_RAD_S:
@@ -113,13 +115,13 @@ def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]
             "gyro at rest", "warning", None, note("recording.gyro-at-rest", **of, off=off, sd=sd), cure
         )
     elif most > TURNS_RAD_S:
-        why = note("recording.fast-turns", **of, most=most, turns=most / (2.0 * np.pi))
-        yield Doubt("fast turns", "warning", None, why, cure)
-    for entry, a in zip(signal.entries[:2], channel.z[still, :2].T, strict=True):
+        reason = note("recording.fast-turns", **of, most=most, turns=most / (2.0 * np.pi))
+        yield Doubt("fast turns", "warning", None, reason, cure)
+    for entry, a in zip(signal.entries[:2], channel.z[at_rest, :2].T, strict=True):
         most = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
         if len(a) and np.isfinite(a).all() and 0.0 < _spread(a) < TREMBLE_M_S2 and most < TYRES_M_S2 / 10.0:
-            why = note("recording.quiet", key=entry.key, unit_read=entry.unit, sd=_spread(a), most=most)
-            yield Doubt("quiet accelerometer", "info", None, why, note("recording.if-in", in_unit="g"))
+            reason = note("recording.quiet", key=entry.key, unit_read=entry.unit, sd=_spread(a), most=most)
+            yield Doubt("quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g"))
 
 
 def _spread(x: np.ndarray) -> float:
@@ -132,11 +134,11 @@ def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
     curve = relation(*_means(channel).T[1:])
     if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
-        why = note("recording.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
+        reason = note("recording.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
         cure = note("recording.check-both-units")
         if last.unit == "deg/s":
             cure = note("recording.perhaps-gyro", line='unit = "rad/s"')
-        yield Doubt("curve", "warning", None, why, cure)
+        yield Doubt("curve", "warning", None, reason, cure)
 
 
 def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
@@ -161,8 +163,10 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
         elif 0.0 < most < TINY and unit_of_entry is not None and unit_of_entry.measures == "time":
             cure = _full([c / unit_of_entry.si for c in columns.T], 'unit = "raw", ')
         if cure:
-            why = note("recording.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit)
-            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), why, cure)
+            reason = note(
+                "recording.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit
+            )
+            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, cure)
 
 
 def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:

@@ -35,8 +35,8 @@ def repeats(x: np.ndarray) -> Repeats:
     fresh = np.ones(len(x), bool)
     fresh[1:] = x[1:] != x[:-1]
     _, rank = np.unique(x[fresh], return_inverse=True)
-    again = np.bincount(rank)[rank] > 1  # a level of a converter is met more than once
-    beside = np.zeros(len(rank) + 1, bool)
-    beside[1:-1] = (np.abs(np.diff(rank)) == 1) & again[1:] & again[:-1]
+    repeated = np.bincount(rank)[rank] > 1  # a level of a converter is met more than once
+    adjacent = np.zeros(len(rank) + 1, bool)
+    adjacent[1:-1] = (np.abs(np.diff(rank)) == 1) & repeated[1:] & repeated[:-1]
     length = np.diff(np.concatenate([np.flatnonzero(fresh), [len(x)]]))
-    return Repeats(~fresh, length[~(beside[1:] | beside[:-1])])
+    return Repeats(~fresh, length[~(adjacent[1:] | adjacent[:-1])])

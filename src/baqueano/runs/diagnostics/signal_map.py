@@ -68,7 +68,9 @@ def ratios(measures: str, read_as: str) -> dict[float, str]:
     """Return the units that a column may have that was read as another, by the ratio of what was read to the truth."""
     unit_read = unit(read_as)
     si = unit_read.si if unit_read and unit_read.measures == measures else 1.0
-    return {si / one.si: name for name, one in UNITS.items() if one.measures == measures and one.si != si}
+    return {
+        si / unit_.si: name for name, unit_ in UNITS.items() if unit_.measures == measures and unit_.si != si
+    }
 
 
 def relation(z: np.ndarray, h: np.ndarray) -> Relation:
@@ -105,10 +107,13 @@ def signal_map(
     swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
     for i, j in sorted((pair for pair in swaps if swaps[pair] > 0.0), key=lambda pair: -swaps[pair]):
         pairs = _pairs(of, i, j)
-        other = {a: _hypothesis(b, of[a][b], channels[a], worth) for a, b in pairs}
-        if all(hypotheses[a].code != "swapped" and np.isfinite(one.ratio) for a, one in other.items()):
-            for a, one in other.items():
-                hypotheses[a] = one._replace(code="swapped")
+        swap_hypotheses = {a: _hypothesis(b, of[a][b], channels[a], worth) for a, b in pairs}
+        if all(
+            hypotheses[a].code != "swapped" and np.isfinite(hypothesis.ratio)
+            for a, hypothesis in swap_hypotheses.items()
+        ):
+            for a, hypothesis in swap_hypotheses.items():
+                hypotheses[a] = hypothesis._replace(code="swapped")
     return hypotheses
 
 
@@ -128,8 +133,8 @@ def _hypothesis(of: int, r: Relation, channel: MappedChannel, worth: float) -> H
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
     """log L that i and j gain if each shows the other's prediction, where their own explain nothing; else 0."""
     pairs = [(of[a][a], of[a][b]) for a, b in _pairs(of, i, j)]
-    gain = sum(other.n * (other.gain - own.gain) for own, other in pairs)
-    clear = sum(other.gain - own.gain for own, other in pairs) > worth and gain > MARGIN
+    gain = sum(candidate.n * (candidate.gain - own.gain) for own, candidate in pairs)
+    clear = sum(candidate.gain - own.gain for own, candidate in pairs) > worth and gain > MARGIN
     return gain if clear and not any(own.is_clear(NOTHING) for own, _ in pairs) else 0.0
 
 

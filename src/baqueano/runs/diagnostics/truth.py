@@ -24,11 +24,11 @@ def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
     dt, d = np.diff(truth.t_ns) / NANOSECONDS, np.diff(truth.eta, axis=0)
     speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
     if speed > FASTEST_M_S:
-        why = note("recording.truth-fast", speed_m_s=speed)
-        yield Doubt("unit", "error", None, why, note("recording.perhaps", line='unit = "mm"'))
+        reason = note("recording.truth-fast", speed_m_s=speed)
+        yield Doubt("unit", "error", None, reason, note("recording.perhaps", line='unit = "mm"'))
     elif rate > FASTEST_RAD_S:
-        why = note("recording.truth-turns", rate_rad_s=rate)
-        yield Doubt("unit", "error", None, why, note("recording.perhaps", line='unit = "deg"'))
+        reason = note("recording.truth-turns", rate_rad_s=rate)
+        yield Doubt("unit", "error", None, reason, note("recording.perhaps", line='unit = "deg"'))
     else:
         yield from _agreement(truth.eta)
 
@@ -43,12 +43,12 @@ def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
         return
     course = np.arctan2(d[:, 1], d[:, 0])
     heading = eta[far[:-1], 2] + 0.5 * wrap(np.diff(eta[far, 2]))
-    same, mirrored = (np.mean(np.exp(2j * (course + sign * heading))) for sign in (-1.0, 1.0))
+    same, mirror = (np.mean(np.exp(2j * (course + sign * heading))) for sign in (-1.0, 1.0))
     off = 0.5 * float(np.angle(same))
-    if abs(mirrored) > CLEAR and abs(same) < 0.5:
-        why = note("recording.mirrored", same=abs(same), mirrored=abs(mirrored))
-        yield Doubt("mirrored", "error", None, why, note("recording.write-mirrored"))
+    if abs(mirror) > CLEAR and abs(same) < 0.5:
+        reason = note("recording.mirrored", same=abs(same), mirrored=abs(mirror))
+        yield Doubt("mirrored", "error", None, reason, note("recording.write-mirrored"))
     elif abs(same) > CLEAR and abs(off) > OFFSET_RAD:
-        why = note("recording.beside", off_deg=np.degrees(off), back_deg=np.degrees(off) + 180.0)
+        reason = note("recording.beside", off_deg=np.degrees(off), back_deg=np.degrees(off) + 180.0)
         line = note("recording.write-offset", off=f"{off:.3f}", back=f"{wrap(off + np.pi):.3f}")
-        yield Doubt("heading offset", "error", None, why, line)
+        yield Doubt("heading offset", "error", None, reason, line)

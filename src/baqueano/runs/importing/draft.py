@@ -35,46 +35,48 @@ def draft(path: Path | str) -> str:
     """Return a map in TOML for the CSV file at `path`. FileError where its columns cannot be read."""
     path = Path(path)
     table = read_table(path, {})
-    columns_left = list(table.columns)
+    free_columns = list(table.columns)
     return (
-        "\n".join([f'format = 1\nname = "{path.stem}"', *_tables(table, columns_left), *_rest(columns_left)])
+        "\n".join([f'format = 1\nname = "{path.stem}"', *_tables(table, free_columns), *_rest(free_columns)])
         + "\n"
     )
 
 
-def _tables(table: LogTable, columns_left: list[str]) -> Iterator[str]:
-    """Yield each table of the map, and take its columns out of `columns_left`."""
+def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
+    """Yield each table of the map, and take its columns out of `free_columns`."""
     yield "\n[files.log]"
-    if time := _take(columns_left, TIME):
+    if time := _take(free_columns, TIME):
         yield f'time = "{time}"\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    commands = [_take(columns_left, f"(?=.*({COMMAND})).*{side}") for side in (LEFT, RIGHT)]
+    commands = [_take(free_columns, f"(?=.*({COMMAND})).*{side}") for side in (LEFT, RIGHT)]
     commands = commands if all(commands) else []
-    single = [] if commands else [one for one in list(columns_left) if re.search(COMMAND, _plain(one))]
+    single = (
+        [] if commands else [column for column in list(free_columns) if re.search(COMMAND, _plain(column))]
+    )
     if commands:
         until = _('"until": the command of a row held up to its time')
         yield f'\n[command]\nin_force = "from"                    # {until}'
-        yield f"wheels = [\n{_listed(_command(table, one) for one in commands)}\n]"
+        yield f"wheels = [\n{_list_lines(_command(table, column) for column in commands)}\n]"
     elif single:
-        columns_left[:] = [one for one in columns_left if one not in single]
-        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{one!r}" for one in single)}]'
-        yield f"u = [\n{_listed(_command(table, one) for one in single)}\n]"
+        free_columns[:] = [column for column in free_columns if column not in single]
+        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{column!r}" for column in single)}]'
+        yield f"u = [\n{_list_lines(_command(table, column) for column in single)}\n]"
     else:
         yield f"\n# {_('no column looks like a command: without [command] the vehicle is at rest')}"
-    wheels = [_take(columns_left, f"(?=.*({SPEED})).*{side}") for side in (LEFT, RIGHT)]
+    wheels = [_take(free_columns, f"(?=.*({SPEED})).*{side}") for side in (LEFT, RIGHT)]
     if all(wheels):
-        yield f"\n[sensors.wheels]\nz = [\n{_listed(_wheel(one) for one in wheels)}\n]"
+        yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(column) for column in wheels)}\n]"
     for title, key, names in (("sensors.imu", "z", IMU), ("truth", "eta", POSE)):
-        columns = [_take(columns_left, name) for name in names]
+        columns = [_take(free_columns, name) for name in names]
         if any(columns):
             kinds = KINDS["imu" if key == "z" else key]
-            entries = _listed(_entry(one, kind) for one, kind in zip(columns, kinds, strict=True))
+            entries = _list_lines(_entry(column, kind) for column, kind in zip(columns, kinds, strict=True))
             yield f"\n[{title}]\n{key} = [\n{entries}\n]"
 
 
-def _rest(columns_left: Sequence[str]) -> list[str]:
-    return [f"\n# {_('columns without a place:')} {', '.join(columns_left)}"] if columns_left else []
+def _rest(free_columns: Sequence[str]) -> list[str]:
+    return [f"\n# {_('columns without a place:')} {', '.join(free_columns)}"] if free_columns else []
 
 
 def _plain(name: str) -> str:
@@ -82,11 +84,11 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
-def _take(columns_left: list[str], pattern: str) -> str:
-    """Return the first column of that name, taken out of `columns_left`; "" without one."""
-    column = next((one for one in columns_left if re.search(pattern, _plain(one))), "")
+def _take(free_columns: list[str], pattern: str) -> str:
+    """Return the first column of that name, taken out of `free_columns`; "" without one."""
+    column = next((name for name in free_columns if re.search(pattern, _plain(name))), "")
     if column:
-        columns_left.remove(column)
+        free_columns.remove(column)
     return column
 
 
@@ -134,5 +136,5 @@ def _entry(column: str, measures: str) -> str:
     )
 
 
-def _listed(entries: Iterator[str]) -> str:
-    return "\n".join(f"  {one}" if "#" in one else f"  {one}," for one in entries)
+def _list_lines(entries: Iterator[str]) -> str:
+    return "\n".join(f"  {entry}" if "#" in entry else f"  {entry}," for entry in entries)

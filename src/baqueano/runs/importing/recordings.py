@@ -94,18 +94,18 @@ class ImportedRuns(NamedTuple):
     @property
     def verdict(self) -> str:
         """WARN where one of them is."""
-        return "WARN" if any(one.verdict == "WARN" for one in self.each) else "USABLE"
+        return "WARN" if any(run.verdict == "WARN" for run in self.each) else "USABLE"
 
     def rows(self) -> list["TableRow"]:
         """The doubts of all as flat dicts."""
-        return [{"run": one.run.name} | row for one in self.each for row in one.rows()]
+        return [{"run": run.run.name} | row for run in self.each for row in run.rows()]
 
     def table(self) -> str:
         """Return a line per kind of diagnostic: the number of runs, and the sentence of the first."""
         first: dict[tuple[str, str], Doubt] = {}
         counts: dict[tuple[str, str], int] = {}
-        for one in self.each:
-            for d in {d.code: d for d in reversed(one.noticed.doubts)}.values():
+        for run in self.each:
+            for d in {d.code: d for d in reversed(run.noticed.doubts)}.values():
                 first.setdefault((d.level, d.code), d)
                 counts[d.level, d.code] = counts.get((d.level, d.code), 0) + 1
         lines = [
@@ -160,14 +160,12 @@ def import_run(
     ([0.0, 0.02, 0.04], [0.0, 0.5, 0.5], 'USABLE')
     """
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
-    imported = import_runs(m, files, vehicle_text)
-    if len(imported) > 1:
+    runs = import_runs(m, files, vehicle_text)
+    if len(runs) > 1:
         raise FileError(
-            fault(
-                "import.several-runs", typed("runs", "import", m.path), map=m.path.name, count=len(imported)
-            )
+            fault("import.several-runs", typed("runs", "import", m.path), map=m.path.name, count=len(runs))
         )
-    return imported[0]
+    return runs[0]
 
 
 def import_runs(
@@ -179,14 +177,14 @@ def import_runs(
     split, in their order. Parts with fewer ticks than a run needs are left out, which stands in the doubts of
     the first. FileError as of `import_run`, and where no part is long enough."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
-    made, short, source = [], [], None
+    runs, short, source = [], [], None
     for part in parts(m, files or {}):
         if len(part.sources[m.ticks].t_ns) < LEAST:
             short.append(part.name)
             source = part.sources[m.ticks]
         else:
-            made.append(_imported(m, part, vehicle_text))
-    if not made and source:
+            runs.append(_import_part(m, part, vehicle_text))
+    if not runs and source:
         raise FileError(
             fault(
                 "import.too-short",
@@ -197,16 +195,16 @@ def import_runs(
             )
         )
     if short:
-        why = note("recording.short-parts", count=len(short), least=LEAST, names=short[:5])
-        first = made[0]
-        made[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, why)))
-    return made
+        reason = note("recording.short-parts", count=len(short), least=LEAST, names=short[:5])
+        first = runs[0]
+        runs[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, reason)))
+    return runs
 
 
-def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
+def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
     """The run of one part."""
     sources, doubts = part.sources, list(part.doubts)
-    first, t_ns, applied = _applied(m, sources, sources[m.ticks].t_ns, doubts)
+    first, t_ns, applied = _applied_commands(m, sources, sources[m.ticks].t_ns, doubts)
     sensors = {name: _channel(signal, sources, t_ns, doubts) for name, signal in m.sensors.items()}
     truth = None if m.truth is None else _truth(m.truth, sources, t_ns, doubts)
     metadata = versions() | {
@@ -221,18 +219,18 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
         metadata=metadata,
     )  # fmt: skip
     if first:
-        usual, why = first == 1 and m.in_force == "from", note("recording.no-command-yet", count=first)
-        doubts.append(Doubt("no command yet", "info", int(t_ns[0]), why, usual=usual))
-    if all(one.constant == 0.0 for one in m.command.entries):
+        usual, reason = first == 1 and m.in_force == "from", note("recording.no-command-yet", count=first)
+        doubts.append(Doubt("no command yet", "info", int(t_ns[0]), reason, usual=usual))
+    if all(entry.constant == 0.0 for entry in m.command.entries):
         doubts.append(Doubt("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True))
     doubts += cross_checks.look(run, m)
-    judged = cross_checks.judged(list(dict.fromkeys(doubts)), m)  # two parts of one file have the same gaps
+    result = cross_checks.judged(list(dict.fromkeys(doubts)), m)  # two parts of one file have the same gaps
     events = tuple(
         Event(d.t_ns or int(t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
-        for d in judged
+        for d in result
     )
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
-    return ImportedRun(run, judged)
+    return ImportedRun(run, result)
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what is not finite is not known
@@ -275,8 +273,8 @@ def _check_header(entry: Entry) -> None:
     """A column that is called `speed [km/h]` is not in m/s."""
     in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
     by_header, by_map = unit(in_header[1]) if in_header else None, unit(entry.unit)
-    named = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
-    if named and by_map is not None and by_header != by_map and by_map.measures != "raw":
+    has_unit = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
+    if has_unit and by_map is not None and by_header != by_map and by_map.measures != "raw":
         raise FileError(
             fault(
                 "import.unit-of-name",
@@ -296,11 +294,11 @@ def _finite_rows(
     present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
     whole = np.asarray(np.isfinite(values[:, present]).all(axis=1))
     first = 1 if any(e.derivative for e in signal.entries) else 0  # the first value of a rate is missing
-    lost = np.count_nonzero(~whole[first:])
-    if lost:
-        where = int(source.t_ns[first:][~whole[first:]][0])
-        why = note("recording.missing", key=signal.key, lost=lost, rows=len(whole))
-        doubts.append(Doubt("missing", "warning", where, why))
+    lost_rows = np.count_nonzero(~whole[first:])
+    if lost_rows:
+        first_ns = int(source.t_ns[first:][~whole[first:]][0])
+        reason = note("recording.missing", key=signal.key, lost=lost_rows, rows=len(whole))
+        doubts.append(Doubt("missing", "warning", first_ns, reason))
     if not whole.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
     return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
@@ -314,7 +312,7 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
     return t_ns
 
 
-def _applied(
+def _applied_commands(
     m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the count of ticks without a command, the indices of the others, and the command (N, n) in force there."""
@@ -345,7 +343,7 @@ def _span(t_ns: np.ndarray) -> str:
     return f"{t_ns[0] / NANOSECONDS:.3f} s to {t_ns[-1] / NANOSECONDS:.3f} s"
 
 
-def _sampled(
+def _sample(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and values of a signal: as measured, or brought to the ticks."""
@@ -376,7 +374,7 @@ def _sampled(
 def _channel(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> Channel:
-    t_ns, z = _sampled(signal, sources, ticks, doubts)
+    t_ns, z = _sample(signal, sources, ticks, doubts)
     angles = [measures == "angle" for measures in KINDS.get(signal.kind or "", ())]
     if any(angles):
         z = np.where(angles, wrap(z), z)
@@ -386,9 +384,9 @@ def _channel(
 def _truth(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> TruthLog:
-    t_ns, values = _sampled(signal, sources, ticks, doubts)
-    unknown = np.full((len(t_ns), 3), np.nan)
+    t_ns, values = _sample(signal, sources, ticks, doubts)
+    no_rates = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
     return TruthLog(
-        t_ns, *signal.mount.body(eta, values[:, 3:] if values.shape[1] == 6 else unknown), unknown
+        t_ns, *signal.mount.body(eta, values[:, 3:] if values.shape[1] == 6 else no_rates), no_rates
     )

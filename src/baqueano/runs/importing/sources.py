@@ -59,10 +59,10 @@ def parts(m: ColumnMap, files: object) -> Iterator[Part]:
         doubts: list[Doubt] = []
         tables = {name: _table(m, spec, paths[name], doubts) for name, spec in m.files.items()}
         names = tuple(sorted({path.name for path in paths.values()}))
-        yield from _split(m, _name(m, paths), names, tables, doubts)
+        yield from _parts(m, _name(m, paths), names, tables, doubts)
 
 
-def _split(
+def _parts(
     m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, LogTable], doubts: list[Doubt]
 ) -> Iterator[Part]:
     pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
@@ -75,14 +75,14 @@ def _split(
             fault("import.split-not-ticks", map=m.path.name, file=next(iter(pieces)), ticks=m.ticks)
         )
     own_doubts: list[Doubt] = list(doubts)
-    matched = _matched(m, pieces, own_doubts)
+    matches = _match(m, pieces, own_doubts)
     whole = {f: _source(m, m.files[f], t, own_doubts) for f, t in tables.items() if f not in pieces}
-    for k, (label, split) in enumerate(matched):
+    for k, (label, by_file) in enumerate(matches):
         own: list[Doubt] = list(own_doubts) if k == 0 else []
-        made = {f: _source(m, m.files[f], table, own) for f, table in split.items()}
-        t_ns = made[m.ticks].t_ns
-        within = {f: _within(one, t_ns) for f, one in whole.items()}
-        yield Part(f"{name}-{label}", {f: (made | within)[f] for f in tables}, files, tuple(own))
+        sources_of_part = {f: _source(m, m.files[f], table, own) for f, table in by_file.items()}
+        t_ns = sources_of_part[m.ticks].t_ns
+        within = {f: _within(source, t_ns) for f, source in whole.items()}
+        yield Part(f"{name}-{label}", {f: (sources_of_part | within)[f] for f in tables}, files, tuple(own))
 
 
 def _is_split(spec: FileSpec) -> bool:
@@ -111,7 +111,7 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
     return cut
 
 
-def _matched(
+def _match(
     m: ColumnMap, pieces: dict[str, list[SourcePiece]], doubts: list[Doubt]
 ) -> list[tuple[str, dict[str, LogTable]]]:
     """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files do not
@@ -124,38 +124,40 @@ def _matched(
             by_file[file][piece.value].append(piece)
     common = [value for value in by_file[m.ticks] if all(value in of for of in by_file.values())]
     if not common:
-        listed = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in by_file.items())
-        raise FileError(fault("import.split-no-value", map=m.path.name, found=listed))
-    doubts += _left_out(m, by_file)
-    made = []
+        text = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in by_file.items())
+        raise FileError(fault("import.split-no-value", map=m.path.name, found=text))
+    doubts += _missing_values(m, by_file)
+    labelled_parts = []
     for value in common:
         of_value = {file: of[value] for file, of in by_file.items()}
         if len({len(each) for each in of_value.values()}) > 1:
-            listed = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
+            text = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
             raise FileError(
                 fault(
                     "import.parts-differ",
                     map=m.path.name,
                     split=m.files[m.ticks].split,
                     value=value,
-                    found=listed,
+                    found=text,
                 )
             )
-        for split in zip(*of_value.values(), strict=True):
-            part = dict(zip(of_value, split, strict=True))
-            made.append((part[m.ticks].label, {file: piece.table for file, piece in part.items()}))
-    return made
+        for combination in zip(*of_value.values(), strict=True):
+            part = dict(zip(of_value, combination, strict=True))
+            labelled_parts.append((part[m.ticks].label, {file: piece.table for file, piece in part.items()}))
+    return labelled_parts
 
 
-def _left_out(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
+def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
     """Return the values that a file lacks: their parts are left out."""
     for lacking, of in by_file.items():
-        for file, others in by_file.items():
-            alone = [value for value in others if value not in of]
-            if alone:
-                values = _values_of(m, file, alone)
-                why = note("recording.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking)
-                yield Doubt("not in all files", "warning", None, why)
+        for file, file_values in by_file.items():
+            unmatched_values = [value for value in file_values if value not in of]
+            if unmatched_values:
+                values = _values_of(m, file, unmatched_values)
+                reason = note(
+                    "recording.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking
+                )
+                yield Doubt("not in all files", "warning", None, reason)
 
 
 def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
@@ -183,32 +185,34 @@ def _within(source: Source, t_ns: np.ndarray) -> Source:
 
 def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
     """The map's, or that of the file where the map is for many files."""
-    paths_given = [
+    run_paths = [
         paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
     ]
-    return paths_given[0].name.split(".csv")[0].split(".bag")[0] if paths_given else m.name
+    return run_paths[0].name.split(".csv")[0].split(".bag")[0] if run_paths else m.name
 
 
 def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     """The path of each [files.NAME], once per run or once per file that holds several."""
     by_name: dict[str, Path] = {}
-    named = [str(path).partition("=") for path in files]
-    if not isinstance(files, dict) and files and all(name in m.files for name, *_ in named):  # NAME=PATH
-        files = {name: path for name, _, path in named}
+    pairs = [str(path).partition("=") for path in files]
+    if not isinstance(files, dict) and files and all(name in m.files for name, *_ in pairs):  # NAME=PATH
+        files = {name: path for name, _, path in pairs}
     if isinstance(files, dict):
         by_name = {name: Path(path) for name, path in files.items()}
     elif files:
         open_names = [name for name, spec in m.files.items() if spec.path is None]
         if not open_names and len({spec.path for spec in m.files.values()}) == 1:
             open_names = list(m.files)
-        expanded = [path for one in files for path in _expanded(Path(one))]
-        shared = [name for name in m.files if name not in open_names]
-        if not open_names or (len(expanded) > 1 and shared):
+        all_paths = [path for file in files for path in _expand(Path(file))]
+        shared_names = [name for name in m.files if name not in open_names]
+        if not open_names or (len(all_paths) > 1 and shared_names):
             code = "import.file-shared" if open_names else "import.all-with-path"
             raise FileError(
-                fault(code, map=m.path.name, files=m.files, shared=shared[:1], first=next(iter(m.files)))
+                fault(
+                    code, map=m.path.name, files=m.files, shared=shared_names[:1], first=next(iter(m.files))
+                )
             )
-        return [_complete(m, dict.fromkeys(open_names, path)) for path in expanded]
+        return [_complete(m, dict.fromkeys(open_names, path)) for path in all_paths]
     for name in by_name:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, found=name, known=m.files))
@@ -223,14 +227,14 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     return [_complete(m, by_name | dict.fromkeys(at, path)) for path in _matching(m, spec)]
 
 
-def _expanded(path: Path) -> list[Path]:
+def _expand(path: Path) -> list[Path]:
     """The files that a path with * stands for."""
     if not glob.has_magic(str(path)) or path.exists():
         return [path]
     matches = sorted(glob.glob(str(path)))
     if not matches:
         raise FileError(fault("import.no-file-like", path=path))
-    return [Path(one) for one in matches]
+    return [Path(match_) for match_ in matches]
 
 
 def _complete(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Path]:
@@ -273,17 +277,17 @@ def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
         matches = _like(folder, path) if glob.has_magic(path) else [folder / path]
         if matches and is_there(matches[0]):
             return matches
-    looked = ", ".join(str(folder) for folder in folders)
+    folder_names = ", ".join(str(folder) for folder in folders)
     raise FileError(
-        fault("import.file-absent", map=m.path.name, file=spec.name, missing=path, folders=looked)
+        fault("import.file-absent", map=m.path.name, file=spec.name, missing=path, folders=folder_names)
     )
 
 
 def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> LogTable:
     """The rows of a file that `where` asks for, in the order of the file."""
-    label, used = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
+    label, column_names = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
     if bag.is_bag(path):
-        table = bag.read_topic(path, spec.topic, used, path.name)
+        table = bag.read_topic(path, spec.topic, column_names, path.name)
     else:
         if spec.topic is not None:
             raise FileError(
@@ -294,14 +298,14 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
         Doubt("cut line", "warning", None, note("recording.cut-line", table=label, line=line))
         for line in table.cut
     ]
-    for column in sorted(used):
+    for column in sorted(column_names):
         table.text(column)  # they are all there
     if not len(table.lines):
         raise FileError(fault("import.no-rows", table=label))
-    kept = _chosen(table, spec)
-    if not len(kept.lines):
+    selection = _select(table, spec)
+    if not len(selection.lines):
         raise FileError(fault("import.where-empty", table=label, where=str(spec.where)))
-    return kept._replace(columns={name: kept.columns[name] for name in used})
+    return selection._replace(columns={name: selection.columns[name] for name in column_names})
 
 
 def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) -> Source:
@@ -310,8 +314,8 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) 
     if not valid.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not valid.all():
-        why = note("recording.no-time", table=table.label, count=np.count_nonzero(~valid))
-        doubts.append(Doubt("no time", "warning", None, why))
+        reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~valid))
+        doubts.append(Doubt("no time", "warning", None, reason))
         table, t_ns = table.only(valid), t_ns[valid]
     keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, doubts)
     table, t_ns = table.only(keep), t_ns[keep]
@@ -325,16 +329,19 @@ def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
     """The columns of a file that the map uses."""
     signals = [m.command, *m.sensors.values(), *([m.truth] if m.truth else [])]
     rest = spec.time_rest and spec.time_rest[0]
-    used = {*spec.where, *(column for column in (spec.time, rest, spec.new_when, spec.split) if column)}
+    column_names = {
+        *spec.where,
+        *(column for column in (spec.time, rest, spec.new_when, spec.split) if column),
+    }
     for signal in signals:
         if signal.file == spec.name:
             for entry in signal.entries:
-                used |= {
+                column_names |= {
                     *quaternion_of(entry),
                     *entry.backward,
                     *(c for c in (entry.column, entry.times) if c),
                 }
-    return used
+    return column_names
 
 
 def quaternion_of(entry: Entry) -> Sequence[str]:
@@ -346,23 +353,23 @@ def quaternion_of(entry: Entry) -> Sequence[str]:
     return entry.quaternion
 
 
-def _chosen(table: LogTable, spec: FileSpec) -> LogTable:
+def _select(table: LogTable, spec: FileSpec) -> LogTable:
     """The rows that `where` asks for: a value or several, or {min = …, max = …, not = …}."""
     for column, condition in spec.where.items():
         limits = condition if isinstance(condition, dict) else {"is": condition}
-        for what, limit in limits.items():
-            table = table.only(_kept(table, spec, column, what, limit))
+        for comparison, limit in limits.items():
+            table = table.only(_mask(table, spec, column, comparison, limit))
     return table
 
 
-def _kept(table: LogTable, spec: FileSpec, column: str, what: str, limit: Any) -> np.ndarray:
+def _mask(table: LogTable, spec: FileSpec, column: str, comparison: str, limit: Any) -> np.ndarray:
     """(rows,) where one condition holds."""
-    if what in ("is", "not"):
+    if comparison in ("is", "not"):
         each = limit if isinstance(limit, list) else [limit]
         if all(isinstance(value, str | int | float) for value in each):
             matching = np.any([table.has(column, value) for value in each], axis=0)
-            return matching if what == "is" else ~matching
-    elif what in ("min", "max") and isinstance(limit, int | float):
+            return matching if comparison == "is" else ~matching
+    elif comparison in ("min", "max") and isinstance(limit, int | float):
         values = table.numbers(column)
-        return values >= limit if what == "min" else values <= limit
+        return values >= limit if comparison == "min" else values <= limit
     raise FileError(fault("import.where", file=spec.name, column=column))

@@ -110,13 +110,13 @@ def rows_in_order(
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back):
         i = int(back[0])
-        lost = np.count_nonzero(t_ns < latest)
+        lost_rows = np.count_nonzero(t_ns < latest)
         of: JsonObject = {
             "table": table.label, "back_s": (t_ns[i] - t_ns[i + 1]) / NANOSECONDS, "line": table.lines[i + 1],
-            "count": len(back), "lost": lost,
+            "count": len(back), "lost": lost_rows,
         }  # fmt: skip
         if spec.backwards != "drop":
-            code = "import.steps-back-often" if lost > MANY * len(t_ns) else "import.steps-back"
+            code = "import.steps-back-often" if lost_rows > MANY * len(t_ns) else "import.steps-back"
             raise FileError(fault(code, **of, file=spec.name, map=m.path.name))
         doubts.append(Doubt("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **of)))
     keep = t_ns >= latest
@@ -133,7 +133,7 @@ def _without_repeats(
     t_ns: np.ndarray,
     keep: np.ndarray,
     spec: "FileSpec",
-    used: set[str],
+    column_names: set[str],
     m: "ColumnMap",
     doubts: list[Doubt],
 ) -> np.ndarray:
@@ -145,10 +145,10 @@ def _without_repeats(
     before, after = table.at(first), table.at(second)
     equal = np.array([
         all(a == b for a, b in row)
-        for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(used)), strict=True)
+        for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(column_names)), strict=True)
     ])  # fmt: skip
     line = table.lines[second[0]]
-    why = note("recording.repeats", table=table.label, count=len(same), line=line)
+    reason = note("recording.repeats", table=table.label, count=len(same), line=line)
     if not equal.all() and spec.repeats is None:
         line = table.lines[second[~equal][0]]
         raise FileError(
@@ -161,7 +161,7 @@ def _without_repeats(
                 map=m.path.name,
             )
         )
-    doubts.append(Doubt("repeats", "warning", int(t_ns[first[0]]), why))
+    doubts.append(Doubt("repeats", "warning", int(t_ns[first[0]]), reason))
     keep = keep.copy()
     keep[first if spec.repeats == "last" else second] = False
     return keep
@@ -196,30 +196,30 @@ def _check_steps(
     gaps = np.flatnonzero(step_s > GAP * usual)
     for i in gaps[:20]:
         jump = step_s[i] > JUMP_S
-        why = note("recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
+        reason = note("recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
         doubts.append(
-            Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), why)
+            Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), reason)
         )
     if len(gaps) > 20:
-        why = note("recording.more-gaps", table=table.label, more=len(gaps) - 20)
-        doubts.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), why))
+        reason = note("recording.more-gaps", table=table.label, more=len(gaps) - 20)
+        doubts.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), reason))
 
 
 def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
     """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
-    why = note(
+    reason = note(
         "recording.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
     )
     fits = _units_that_fit(usual, len(table.lines), spec)
     line = note("recording.write-time-unit", in_unit=fits[0], file=spec.name) if fits else None
-    return Doubt("time unit", "error" if usual < FAST_S else "warning", None, why, line)
+    return Doubt("time unit", "error" if usual < FAST_S else "warning", None, reason, line)
 
 
 def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:
     """Other units of time by which step and length would be those of a recording, the likeliest first."""
-    written = unit(spec.time_unit)
-    usual_s = usual / (written.si if written else 1.0)
-    steps = {name: usual_s * one.si for name in ("s", "ms", "us", "ns") if (one := unit(name))}
+    file_unit = unit(spec.time_unit)
+    usual_s = usual / (file_unit.si if file_unit else 1.0)
+    steps = {name: usual_s * unit_.si for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))}
     fits = [name for name, step in steps.items() if 1e-3 <= step <= LONGEST_S and name != spec.time_unit]
     whole = [name for name in fits if rows * steps[name] >= BRIEF_S]
     return sorted(whole or fits, key=lambda name: abs(np.log(steps[name] / 0.02)))

@@ -52,9 +52,9 @@ def data_folders() -> list[Path]:
 
 def load_map(name_or_path: Path | str) -> ColumnMap:
     """A map by its path, or by its name one that comes with the package."""
-    path, shipped = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
-    if not path.is_file() and shipped.is_file():
-        path = shipped
+    path, shipped_path = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
+    if not path.is_file() and shipped_path.is_file():
+        path = shipped_path
     try:
         text = _beginning(path)
         return _Parser(path, text, _tree(path, text)).map()
@@ -63,8 +63,8 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
         near = nearest(str(name_or_path), names)
         raise FileError(fault("map.absent", missing=path, found=name_or_path, near=near)) from None
     except ValueError as error:
-        if path.suffix.lower() != ".toml" and shipped.is_file():
-            return load_map(shipped)
+        if path.suffix.lower() != ".toml" and shipped_path.is_file():
+            return load_map(shipped_path)
         raise FileError(_no_map(path, error)) from error
     except OSError as error:
         raise FileError(fault("map.not-read", path=path, error=error)) from error
@@ -92,13 +92,13 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
     fix, words = typed("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
-    where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
-    if where is None:
+    place = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
+    if place is None:
         return fault("map.recording", fix, path=path)
-    return fault("map.recording-or-wrong", fix, path=path, line=int(where[1]), column=int(where[2]))
+    return fault("map.recording-or-wrong", fix, path=path, line=int(place[1]), column=int(place[2]))
 
 
-def _expected(value: str, measures: str, derivative: bool) -> Diagnostic:
+def _expectation(value: str, measures: str, derivative: bool) -> Diagnostic:
     """Return what to write for an entry that measures `value` and has to measure `measures`: another unit, or a key
     beside its unit."""
     rate = "" if derivative else RATES.get(value, "")
@@ -172,20 +172,20 @@ class _Parser:
             "rate_hz": float,
         })  # fmt: skip
         time, time_unit = self.clock(key, spec)
-        for what, allowed in (
+        for option_name, choices in (
             ("repeats", ("first", "last")),
             ("backwards", ("drop",)),
             ("decimal", (".", ",")),
         ):
-            if what in spec and spec[what] not in allowed:
+            if option_name in spec and spec[option_name] not in choices:
                 raise self.wrong(
-                    f"[{key}] {what}",
-                    spec[what],
-                    note("expect.one-of", key=what, allowed=[f'"{a}"' for a in allowed]),
+                    f"[{key}] {option_name}",
+                    spec[option_name],
+                    note("expect.one-of", key=option_name, allowed=[f'"{a}"' for a in choices]),
                 )
         if len(spec.get("delimiter", ",")) != 1:
             raise self.wrong(f"[{key}] delimiter", spec["delimiter"], note("expect.delimiter"))
-        options = {what: spec[what] for what in CSV_KEYS if what in spec}
+        options = {option: spec[option] for option in CSV_KEYS if option in spec}
         return FileSpec(
             name, spec.get("path"), spec.get("topic"), time, time_unit, self.rest(key, spec),
             float(spec.get("shift_s", 0.0)), spec.get("where", {}), spec.get("new_when"), spec.get("repeats"),
@@ -248,25 +248,30 @@ class _Parser:
         return pose._replace(entries=pose.entries + self.signal("truth", spec, "nu", NU, "pose").entries)
 
     def signal(
-        self, key: str, spec: dict[str, Any], what: str, measures: Any, kind: str | None
+        self, key: str, spec: dict[str, Any], list_name: str, measures: Any, kind: str | None
     ) -> ColumnSignal:
-        """The entries under `what`, one for each of `measures`; None there takes any unit."""
-        entries = spec.get(what)
+        """The entries under `list_name`, one for each of `measures`; None there takes any unit."""
+        entries = spec.get(list_name)
         if not entries or len(entries) != len(measures):
             expected = note("expect.entries", count=len(measures), measures=[m or "1" for m in measures])
             raise self.wrong(
-                f"[{key}] {what}", entries, expected if measures else note("expect.some-entries")
+                f"[{key}] {list_name}", entries, expected if measures else note("expect.some-entries")
             )
         sample = spec.get("sample", "measured")
         if sample not in ("measured", "hold", "linear"):
             raise self.wrong(f"[{key}] sample", sample, note("expect.sample"))
-        made = tuple(
-            self.entry(f"{key}.{what}[{i}]", entry, m)
+        signal_entries = tuple(
+            self.entry(f"{key}.{list_name}[{i}]", entry, m)
             for i, (entry, m) in enumerate(zip(entries, measures, strict=True))
         )
         try:
             return ColumnSignal(
-                key, self.file_of(key, spec), kind, sample, made, mount_of(spec, not made[-1].absent)
+                key,
+                self.file_of(key, spec),
+                kind,
+                sample,
+                signal_entries,
+                mount_of(spec, not signal_entries[-1].absent),
             )
         except ValueError as error:
             raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
@@ -281,30 +286,30 @@ class _Parser:
             "counts_per_turn": float,
         })  # fmt: skip
         quaternion = spec.get("quaternion")
-        sources = [what for what in ("column", "quaternion", "constant") if what in spec]
+        sources = [source for source in ("column", "quaternion", "constant") if source in spec]
         if len(sources) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
             raise self.wrong(key, spec, note("expect.one-source"))
         if quaternion is not None and spec.get("unit", "rad") != "rad":
             raise self.wrong(f"{key} unit", spec["unit"], note("expect.no-unit"))
-        made = Entry(
+        new_entry = Entry(
             key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, "",
             float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"),
             spec.get("backward", {}), bool(spec.get("derivative", False)), spec.get("wraps"),
             spec.get("constant"), float(spec.get("radius_m", 1.0)), spec.get("counts_per_turn"),
         )  # fmt: skip
-        if made.wraps is not None and not (made.derivative and made.wraps > 0.0):
+        if new_entry.wraps is not None and not (new_entry.derivative and new_entry.wraps > 0.0):
             raise self.wrong(
                 f"{key} wraps",
-                made.wraps,
+                new_entry.wraps,
                 note("expect.wraps"),
             )
-        if made.absent or (made.constant == 0.0 and "unit" not in spec):
-            return made._replace(unit="1")
-        return made._replace(unit=self.unit(key, spec, measures, made))
+        if new_entry.absent or (new_entry.constant == 0.0 and "unit" not in spec):
+            return new_entry._replace(unit="1")
+        return new_entry._replace(unit=self.unit(key, spec, measures, new_entry))
 
-    def unit(self, key: str, spec: dict[str, Any], measures: str | None, made: Entry) -> str:
+    def unit(self, key: str, spec: dict[str, Any], measures: str | None, entry: Entry) -> str:
         """The unit of an entry, that measures what it should."""
-        name = "rad" if made.quaternion is not None else spec.get("unit")
+        name = "rad" if entry.quaternion is not None else spec.get("unit")
         if name is None:
             expected = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
             raise self.wrong(f"{key} unit", None, expected)
@@ -317,24 +322,24 @@ class _Parser:
             raise self.wrong(f"{key} unit", name, expected)
         if unit_.measures == "raw" and "scale" not in spec:
             raise self.wrong(f"{key} scale", None, note("expect.scale"))
-        self.counts(key, unit_.measures, made)
-        measured = "angle" if unit_.measures == "counts" else unit_.measures
-        quantity = RATES.get(measured) if made.derivative else measured
-        if "radius_m" in spec and measured != "raw":
+        self.counts(key, unit_.measures, entry)
+        dimension = "angle" if unit_.measures == "counts" else unit_.measures
+        quantity = RATES.get(dimension) if entry.derivative else dimension
+        if "radius_m" in spec and dimension != "raw":
             quantity = ROLLED.get(quantity or "")
             if quantity is None:
                 raise self.wrong(f"{key} radius_m", spec["radius_m"], note("expect.radius"))
-        if measures and measured != "raw" and quantity != measures:
+        if measures and dimension != "raw" and quantity != measures:
             raise self.wrong(
                 f"{key} unit",
                 name,
-                _expected(quantity or "", measures, made.derivative),
+                _expectation(quantity or "", measures, entry.derivative),
             )
         return canonical(name)
 
-    def counts(self, key: str, measures: str, made: Entry) -> None:
+    def counts(self, key: str, measures: str, entry: Entry) -> None:
         """Checks that `counts_per_turn` stands beside counts, and nowhere else."""
-        per_turn = made.counts_per_turn
+        per_turn = entry.counts_per_turn
         if measures == "counts" and not (per_turn is not None and per_turn > 0.0):
             raise self.wrong(
                 f"{key} counts_per_turn", per_turn, note("expect.counts"),
@@ -357,23 +362,23 @@ class _Parser:
             raise self.wrong(f"[{key}]", spec, note("expect.table", key=key))
         return spec
 
-    def needed(self, spec: dict[str, Any], key: str, what: Diagnostic) -> Any:
+    def needed(self, spec: dict[str, Any], key: str, expected: Diagnostic) -> Any:
         """Return the value of `key`, which is required."""
         if not spec.get(key):
-            raise self.wrong(key, spec.get(key), what)
+            raise self.wrong(key, spec.get(key), expected)
         return spec[key]
 
-    def keys(self, where: str, spec: dict[str, Any], allowed: dict[str, type]) -> dict[str, Any]:
-        """`spec`, that has to hold none but the `allowed` keys, each of its type."""
+    def keys(self, table: str, spec: dict[str, Any], kinds: dict[str, type]) -> dict[str, Any]:
+        """`spec`, that has to hold none but the `kinds` keys, each of its type."""
         for key, value in spec.items():
-            place = f"[{where}] {key}" if where else key
-            if key not in allowed:
-                near = nearest(key, sorted(allowed), 0.4)
+            place = f"[{table}] {key}" if table else key
+            if key not in kinds:
+                near = nearest(key, sorted(kinds), 0.4)
                 raise FileError(fault("map.unknown-key", map=self.path.name, place=place, near=near))
-            kind = (int, float) if allowed[key] is float else allowed[key]
-            if not isinstance(value, kind) or (isinstance(value, bool) and allowed[key] is not bool):
-                raise self.wrong(place, value, note("expect.type", kind=allowed[key].__name__))
-            if allowed[key] is float and key != "constant" and not abs(value) < math.inf:
+            kind = (int, float) if kinds[key] is float else kinds[key]
+            if not isinstance(value, kind) or (isinstance(value, bool) and kinds[key] is not bool):
+                raise self.wrong(place, value, note("expect.type", kind=kinds[key].__name__))
+            if kinds[key] is float and key != "constant" and not abs(value) < math.inf:
                 raise self.wrong(place, value, note("expect.finite"))
             if isinstance(value, int) and abs(value) > LARGEST:
                 raise self.wrong(place, value, note("expect.finite"))

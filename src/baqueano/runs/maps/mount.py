@@ -94,12 +94,14 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
     mount, document = mount_of(before).composed_with(new), tomlkit.parse(text)
     for key in (key for key in KEYS if any(name.startswith(key) for name in own_mount)):
         errors = ", ".join(f"{half:.2g}" for name, half in halves.items() if name.startswith(key))
-        _put(document["truth"], key, getattr(mount, key), f"± {errors} (95 %), runs calibrate {run.name}")
+        _set_value(
+            document["truth"], key, getattr(mount, key), f"± {errors} (95 %), runs calibrate {run.name}"
+        )
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
     return mount
 
 
-def _put(table: Any, key: str, value: Any, text: str) -> None:
+def _set_value(table: Any, key: str, value: Any, text: str) -> None:
     """Put a number or two into a table of tomlkit, with a comment where there is room for one."""
     table[key] = [round(x, 5) for x in value] if isinstance(value, tuple) else round(value, 5)
     if type(table).__name__ != "InlineTable":

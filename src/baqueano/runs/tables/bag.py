@@ -48,16 +48,16 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
             if not connections:
                 code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
                 raise FileError(fault(code, file=label, found=topic, known=types.values()))
-            made = {column: array("q" if column in TIMES else "d") for column in {*columns, "bag"}}
+            series = {column: array("q" if column in TIMES else "d") for column in {*columns, "bag"}}
             for connection, t_ns, raw in reader.messages(connections=connections):
                 message = reader.deserialize(raw, connection.msgtype)
-                made["bag"].append(t_ns)
+                series["bag"].append(t_ns)
                 for column in columns - {"bag"}:
-                    made[column].append(_number(message, column, label, topic or ""))
+                    series[column].append(_number(message, column, label, topic or ""))
     except (AnyReaderError, SerdeError, *BROKEN) as error:
         raise FileError(fault("bag.not-read", file=label, error=error)) from error
-    numbers = {column: np.array(values) for column, values in made.items()}
-    return LogTable(label, numbers, np.arange(1, len(made["bag"]) + 1))
+    numbers = {column: np.array(values) for column, values in series.items()}
+    return LogTable(label, numbers, np.arange(1, len(series["bag"]) + 1))
 
 
 def _check_chunks(path: Path, label: str) -> None:
@@ -65,13 +65,13 @@ def _check_chunks(path: Path, label: str) -> None:
     try:
         chunks = {".bag": _ros1_chunks, ".mcap": _mcap_chunks}[path.suffix]
         with path.open("rb") as file:
-            for compression, packed in chunks(file):
-                if len(_unpacked(compression, packed)) > LARGEST_CHUNK:
+            for compression, payload in chunks(file):
+                if len(_unpack(compression, payload)) > LARGEST_CHUNK:
                     raise FileError(
                         fault(
                             "bag.chunk",
                             file=label,
-                            size=memory_limit.text_of_size(len(packed)),
+                            size=memory_limit.text_of_size(len(payload)),
                             largest=memory_limit.text_of_size(LARGEST_CHUNK),
                         )
                     )
@@ -79,13 +79,13 @@ def _check_chunks(path: Path, label: str) -> None:
         return  # the reader says what is wrong
 
 
-def _unpacked(compression: str, packed: bytes) -> bytes | memoryview:
+def _unpack(compression: str, payload: bytes) -> bytes | memoryview:
     """Return the content of a chunk, at most one byte more than the largest; empty if it is not packed."""
     if compression in ("", "none"):
         return b""
     if compression == "bz2":
-        return bz2.BZ2File(io.BytesIO(packed)).read(LARGEST_CHUNK + 1)
-    return decompressed(compression, memoryview(packed), LARGEST_CHUNK)
+        return bz2.BZ2File(io.BytesIO(payload)).read(LARGEST_CHUNK + 1)
+    return decompressed(compression, memoryview(payload), LARGEST_CHUNK)
 
 
 def _mcap_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:

@@ -35,7 +35,7 @@ class Lines:
                 self.allowed = memory_limit.allowed(self.path.stat().st_size)
                 self.packed = file.read(2) == b"\x1f\x8b"
                 file.seek(0)
-                yield from self._decoded(gzip.GzipFile(fileobj=file) if self.packed else file)
+                yield from self._decode(gzip.GzipFile(fileobj=file) if self.packed else file)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise FileError(fault("table.gzip", file=self.label, error=error)) from error
         except OSError as error:
@@ -48,7 +48,7 @@ class Lines:
         self.taken += size
         if self.taken > self.allowed:
             code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
-            on_disk, taken, most = map(
+            on_disk, size_text, most = map(
                 memory_limit.text_of_size, (self.path.stat().st_size, self.taken, self.allowed)
             )
             raise FileError(
@@ -57,13 +57,13 @@ class Lines:
                     fix,
                     file=self.label,
                     size=on_disk,
-                    taken=taken,
+                    taken=size_text,
                     line=self.number,
                     most=most,
                 )
             )
 
-    def _decoded(self, stream: Any) -> Iterator[str]:
+    def _decode(self, stream: Any) -> Iterator[str]:
         encoding = self.encoding or self._looks_like(stream.read(2000))
         stream.seek(0)
         buffer = io.BufferedReader(stream)

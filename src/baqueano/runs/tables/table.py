@@ -186,8 +186,8 @@ def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Itera
     except csv.Error as error:
         long = "field limit" in str(error)
         code = "table.long-cell" if long else "table.not-csv"
-        why = fault(code, file=label, line=number, most=csv.field_size_limit(), error=str(error))
-        raise FileError(why) from error
+        reason = fault(code, file=label, line=number, most=csv.field_size_limit(), error=str(error))
+        raise FileError(reason) from error
 
 
 def _columns(
@@ -204,9 +204,9 @@ def _columns(
         numbers.append(number)
         block.append(row)
         if len(block) * width >= BLOCK or lines.taken >= put_at + 16 * BLOCK:
-            _put(lines, block, columns)
+            _append(lines, block, columns)
             put_at = lines.taken
-    _put(lines, block, columns)
+    _append(lines, block, columns)
     if uneven == 1 and wrong[0] == number and wrong[1] < width:
         return columns, numbers, (number,)
     if uneven:
@@ -216,7 +216,7 @@ def _columns(
     return columns, numbers, ()
 
 
-def _put(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> None:
+def _append(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> None:
     """Moves the rows of a block to the columns."""
     lines.take(CELL * len(columns) * len(block))
     for column, cells in zip(columns, zip(*block, strict=True), strict=False):
@@ -260,20 +260,20 @@ def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
 def _decimal(columns: "JsonObject", delimiter: str, label: str) -> str:
     if delimiter == ",":
         return "."
-    comma = mixed = ""  # the first number of each kind
+    comma = both_marks = ""  # the first number of each kind
     points, thousands = False, True
     for cell in chain.from_iterable(column for column in columns.values() if column):
         if "," in cell:
             if _COMMA.fullmatch(cell):
                 comma, thousands = comma or cell, thousands and bool(_THOUSANDS.fullmatch(cell))
             elif "." in cell and _NUMBER.fullmatch(cell.replace(".", "").replace(",", ".")):
-                mixed = mixed or cell
+                both_marks = both_marks or cell
         elif not points and "." in cell:
             points = bool(_NUMBER.fullmatch(cell))
-    if not comma and not mixed:
+    if not comma and not both_marks:
         return "."
-    if points or mixed:
-        raise FileError(fault("table.two-decimals", file=label, found=mixed or comma))
+    if points or both_marks:
+        raise FileError(fault("table.two-decimals", file=label, found=both_marks or comma))
     if thousands:
         raise FileError(
             fault(

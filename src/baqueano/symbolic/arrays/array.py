@@ -42,9 +42,9 @@ class TracedArray(np.ndarray):
     @property
     def T(self) -> "TracedArray":
         """Return the transpose, and note its origin, transposed as well."""
-        flipped = self.transpose()
-        flipped.origin = self.origin and self.origin.transposed()
-        return flipped
+        result = self.transpose()
+        result.origin = self.origin and self.origin.transposed()
+        return result
 
     def dot(self, b: Value, out: Value = None) -> Value:
         """self @ b."""

@@ -104,5 +104,5 @@ _OURS: dict[np.ufunc, np.ufunc] = {
     np.isfinite: elementwise(_finite),
     np.isinf: elementwise(lambda a: apply("eq", apply("abs", a), np.inf)),
 }
-UFUNCS = {ufunc.__name__: ours for ufunc, ours in _OURS.items()}
+UFUNCS = {ufunc.__name__: operation for ufunc, operation in _OURS.items()}
 UFUNCS["real"] = UFUNCS["positive"]  # np.var asks for it, in some versions as a ufunc

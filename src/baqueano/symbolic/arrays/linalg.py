@@ -118,7 +118,7 @@ def solve(a: Value, b: Value) -> Value:
     A, x = as_array(a).copy(), as_array(b).copy()
     if A.ndim != 2 or A.shape[0] != A.shape[1] or x.ndim not in (1, 2) or len(x) != len(A):
         raise untraceable("trace.solve-shapes", left=str(A.shape), right=str(x.shape))
-    return traced(_solved(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
+    return traced(_solve(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
 
 
 def inv(a: Value) -> Value:
@@ -145,7 +145,7 @@ def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False
     return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
 
 
-def _solved(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _solve(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     n = len(A)
     for k in range(n):
         swap = _pivot(A, k)

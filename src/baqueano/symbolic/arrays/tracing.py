@@ -29,7 +29,7 @@ class _TraceContext(threading.local):
     depth = 0  # of traces within traces in this thread
 
 
-_here = _TraceContext()
+_context = _TraceContext()
 _lock = threading.Lock()
 _running = 0
 _before: dict[str, Value] = {}
@@ -45,12 +45,12 @@ def tracing() -> Iterator[int]:
                 _before[name] = getattr(np, name)
                 setattr(np, name, maker)
         _running += 1
-    _here.depth += 1
+    _context.depth += 1
     try:
         with np.errstate(all="ignore"):
-            yield _here.depth
+            yield _context.depth
     finally:
-        _here.depth -= 1
+        _context.depth -= 1
         with _lock:
             _running -= 1
             if _running == 0:
@@ -58,9 +58,9 @@ def tracing() -> Iterator[int]:
                     setattr(np, name, original)
 
 
-def _only_here(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:
+def _while_traced(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:
     def call(*args: Value, **kwargs: Value) -> Value:
-        if not _here.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OURS):
+        if not _context.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OURS):
             return original(*args, **kwargs)
         return make(original, *args, **kwargs)
 
@@ -75,10 +75,10 @@ def _array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kw
 def _same_array(original: Callable[..., Value], obj: Value, dtype: Value = None, **kwargs: Value) -> Value:
     if dtype is not None and np.dtype(dtype).kind not in "fO":
         return original(obj, dtype, **kwargs)
-    return _joined(original, obj, dtype=dtype, **kwargs)
+    return _join(original, obj, dtype=dtype, **kwargs)
 
 
-def _joined(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
+def _join(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
     dtype = kwargs.pop("dtype", None)
     result = original(*args, **kwargs)
     if isinstance(result, np.ndarray) and result.dtype == object:
@@ -87,11 +87,11 @@ def _joined(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Va
     return result if dtype is None else original(*args, dtype=dtype, **kwargs)
 
 
-def _filled(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
-    return filled_later(_joined(original, *args, **kwargs))
+def _fill(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Value:
+    return filled_later(_join(original, *args, **kwargs))
 
 
 _MAKES: dict[str, Callable[..., Value]] = {"array": _array}
 _MAKES |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
-_MAKES |= dict.fromkeys(_JOINED, _joined) | dict.fromkeys(_FILLED, _filled)
-_MAKERS = {name: _only_here(getattr(np, name), make) for name, make in _MAKES.items()}
+_MAKES |= dict.fromkeys(_JOINED, _join) | dict.fromkeys(_FILLED, _fill)
+_MAKERS = {name: _while_traced(getattr(np, name), make) for name, make in _MAKES.items()}

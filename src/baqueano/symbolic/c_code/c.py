@@ -70,8 +70,8 @@ class CKernel:
         """
         addresses = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
         self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
-        again = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
-        call = partial(again, POINTER(addresses.ctypes.data))  # converted once
+        entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
+        call = partial(entry_point, POINTER(addresses.ctypes.data))  # converted once
         call.__dict__["given"] = addresses  # it lives as long as the call
         return call
 
@@ -156,10 +156,10 @@ class CKernel:
         if key not in self.functions:
             with self.program.graph.lock:
                 if key not in self.functions:
-                    self.functions[key] = self._compiled(key, name, options, hasty)
+                    self.functions[key] = self._compile(key, name, options, hasty)
         return self.functions[key]
 
-    def _compiled(self, key: tuple, name: str, options: tuple, hasty: bool) -> Callable[..., None]:
+    def _compile(self, key: tuple, name: str, options: tuple, hasty: bool) -> Callable[..., None]:
         body = self._text(name, *options)
         library = self.libraries[key] = compile.load(
             header(body, self.program.tables) + body,
@@ -180,8 +180,8 @@ def _addresses(*arrays: np.ndarray) -> list[int]:
 def _parts(count: int, n: int) -> list[slice]:
     """The vehicles for each processor, in whole vectors; all for one if there is little to do."""
     processors = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-    used = min(processors, count // c_bodies.LANES, count * n // WORTH_A_THREAD)
-    if used < 2:
+    threads = min(processors, count // c_bodies.LANES, count * n // WORTH_A_THREAD)
+    if threads < 2:
         return [slice(0, count)]
-    size = -(-count // (used * c_bodies.LANES)) * c_bodies.LANES
+    size = -(-count // (threads * c_bodies.LANES)) * c_bodies.LANES
     return [slice(first, min(first + size, count)) for first in range(0, count, size)]

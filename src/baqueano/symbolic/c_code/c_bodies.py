@@ -79,8 +79,8 @@ def sensitivities(slopes: DerivativeProgram) -> str:
     for k, y in enumerate(program.outputs):
         text.add(f"first[{k}] = {text.value(y)};")
         for block in rows:
-            row, used = text.value(block.outputs[k]), min(block.lanes, p - block.first)
-            text.add(f"store_{block.lanes}(second + {k * p + block.first}, {row}, {used});")
+            row, width = text.value(block.outputs[k]), min(block.lanes, p - block.first)
+            text.add(f"store_{block.lanes}(second + {k * p + block.first}, {row}, {width});")
     text.add(f"first += {len(program.outputs)}, second += {len(program.outputs) * p};")
     _end_with_tangents(text, program, rows)
     return str(text)
@@ -108,7 +108,7 @@ def gradient(slopes: DerivativeProgram) -> str:
     text.add(f"sum += {text.value(program.outputs[0])};")
     text.add(*(f"gradient{block.first} += {text.value(block.outputs[0])};" for block in rows))
     _end_with_tangents(text, program, rows)
-    text.add("first[0] = sum;", *_stored("second", "gradient", rows, len(program.theta)))
+    text.add("first[0] = sum;", *_store_lines("second", "gradient", rows, len(program.theta)))
     return str(text)
 
 
@@ -137,9 +137,9 @@ def normal_equations(slopes: DerivativeProgram) -> str:
             )
     _add_to_hessian(text, rows, range(len(program.outputs)), p)
     _end_with_tangents(text, program, rows)
-    text.add("first[0] = sum;", *_stored("second", "gradient", rows, p))
+    text.add("first[0] = sum;", *_store_lines("second", "gradient", rows, p))
     for i in range(p):
-        text.add(*_stored(f"third + {i * p}", "hessian", rows, p, f"[{i}]"))
+        text.add(*_store_lines(f"third + {i * p}", "hessian", rows, p, f"[{i}]"))
     text.add("as_before(mode);")
     return str(text)
 
@@ -227,7 +227,7 @@ def _end_with_tangents(text: CText, program: Program, rows: list[Tangents]) -> N
     text.close()
 
 
-def _stored(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -> list[str]:
+def _store_lines(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -> list[str]:
     return [
         f"store_{block.lanes}({to} + {block.first}, {name}{block.first}{index}, "
         f"{min(block.lanes, p - block.first)});"
@@ -260,10 +260,10 @@ def _begin(
     text.statements(order.loop)
 
 
-def _load_inputs(shared: Sequence[bool]) -> list[str]:
+def _load_inputs(shared_flags: Sequence[bool]) -> list[str]:
     common, own, lines = 0, 0, []
-    width = {True: sum(shared), False: len(shared) - sum(shared)}
-    for k, is_shared in enumerate(shared):
+    width = {True: sum(shared_flags), False: len(shared_flags) - sum(shared_flags)}
+    for k, is_shared in enumerate(shared_flags):
         if is_shared:
             source, common = f"splat_{LANES}(shared[tick * {width[True]} + {common}])", common + 1
         else:

@@ -100,10 +100,10 @@ class CText:
 
     def assign(self, targets: Sequence[Term], values: Sequence[Term]) -> None:
         """All at once: a value that is itself a target is read before any is written."""
-        moved = {x: y for x, y in zip(targets, values, strict=True) if x is not y}
-        names = {y: f"old_{self.names[y]}" for y in moved.values() if y in moved}
+        moves = {x: y for x, y in zip(targets, values, strict=True) if x is not y}
+        names = {y: f"old_{self.names[y]}" for y in moves.values() if y in moves}
         self.add(*(f"const {self.type(y)} {name} = {self.names[y]};" for y, name in names.items()))
-        self.add(*(f"{self.names[x]} = {names.get(y) or self.whole(y)};" for x, y in moved.items()))
+        self.add(*(f"{self.names[x]} = {names.get(y) or self.whole(y)};" for x, y in moves.items()))
 
     def name(self, term: Term) -> str:
         """The variable of a term: the one it has, else a new one, r… for rows and t… for all others."""

@@ -143,32 +143,34 @@ def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool, hasty: b
     return [common + native, (*common, "-mcpu=native"), common]
 
 
-_loaded: dict[str, "ctypes.CDLL"] = {}
+_libraries: dict[str, "ctypes.CDLL"] = {}
 _lock = threading.Lock()
 
 
 def _load(source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler) -> "ctypes.CDLL":
     key = hashlib.sha256(repr((source, flag_sets, compiler.identity, _processor())).encode()).hexdigest()
     with _lock:
-        if key not in _loaded:
-            _loaded[key] = _opened(key, source, flag_sets, compiler)
-        return _loaded[key]
+        if key not in _libraries:
+            _libraries[key] = _open_library(key, source, flag_sets, compiler)
+        return _libraries[key]
 
 
-def _opened(key: str, source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler) -> "ctypes.CDLL":
+def _open_library(
+    key: str, source: str, flag_sets: list[tuple[str, ...]], compiler: Compiler
+) -> "ctypes.CDLL":
     import ctypes
 
     trouble = None
     for root in (_cache_folder, _temporary_folder):  # the first cannot always be written, or executed
         try:
             folder = root() / key
-            return ctypes.CDLL(str(_kept(folder) or _build(folder, source, flag_sets, compiler)))
+            return ctypes.CDLL(str(_stored_library(folder) or _build(folder, source, flag_sets, compiler)))
         except OSError as error:
             trouble = error
     raise CompileError(fault("compiler.trouble", command=" ".join(compiler.command), error=trouble))
 
 
-def _kept(folder: Path) -> Path | None:
+def _stored_library(folder: Path) -> Path | None:
     """The library in the folder of a key, if there is one and it is whole."""
     for path in folder.glob("*" + SUFFIX):
         if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem:
@@ -183,16 +185,16 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as work:
         Path(work, "kernel.c").write_text(source, encoding="utf-8")
-        built = Path(work, "kernel" + SUFFIX)
+        library = Path(work, "kernel" + SUFFIX)
         problem = ""
         for flags in flag_sets:
-            problem = _run([*compiler.command, *flags, "kernel.c", "-o", built.name, "-lm"], work)
+            problem = _run([*compiler.command, *flags, "kernel.c", "-o", library.name, "-lm"], work)
             if not problem:
                 break
         if problem:
             raise CompileError(fault("compiler.refuses", command=" ".join(compiler.command), error=problem))
-        path = folder / (hashlib.sha256(built.read_bytes()).hexdigest() + SUFFIX)
-        os.replace(built, path)
+        path = folder / (hashlib.sha256(library.read_bytes()).hexdigest() + SUFFIX)
+        os.replace(library, path)
     return path
 
 
@@ -203,7 +205,7 @@ def _run(command: list[str], folder: str) -> str:
 
     no_window = getattr(subprocess, "CREATE_NO_WINDOW", 0)
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             command,
             cwd=folder,
             stdin=subprocess.DEVNULL,
@@ -213,9 +215,9 @@ def _run(command: list[str], folder: str) -> str:
         )
     except OSError as error:
         return str(error)
-    if done.returncode == 0:
+    if process.returncode == 0:
         return ""
-    return done.stderr.decode(errors="replace")[-2000:] or f"exit code {done.returncode}"
+    return process.stderr.decode(errors="replace")[-2000:] or f"exit code {process.returncode}"
 
 
 def _cache_folder() -> Path:

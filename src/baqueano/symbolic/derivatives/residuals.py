@@ -13,9 +13,9 @@ def normal_equations(
     """Cost, gradient (p,), hessian (p, p); `huber` is k, None for no bend.  (1), (2)"""
     k = np.inf if huber is None else huber
     size = np.abs(r)
-    bent = size > k
-    rho = np.where(bent, k * size - 0.5 * k * k if huber is not None else 0.0, 0.5 * r * r)
-    w = np.where(bent, k / np.where(bent, size, 1.0), 1.0).ravel()
+    in_tail = size > k
+    rho = np.where(in_tail, k * size - 0.5 * k * k if huber is not None else 0.0, 0.5 * r * r)
+    w = np.where(in_tail, k / np.where(in_tail, size, 1.0), 1.0).ravel()
     d = slopes.reshape(len(w), -1)
-    weighted = w[:, None] * d
-    return float(rho.sum()), weighted.T @ r.ravel(), weighted.T @ d
+    weighted_d = w[:, None] * d
+    return float(rho.sum()), weighted_d.T @ r.ravel(), weighted_d.T @ d

@@ -22,8 +22,8 @@ def summed(program: Program, slopes: int) -> Program:
     for theta in program.theta[:slopes]:
         moving = active(program, [theta])
         drifts = {x: graph.symbol("drift") for x in program.carry if x in moving}
-        at_start = _derived(graph, program.initial, {theta: graph.const(1.0)})
-        rows = _derived(
+        at_start = _derivatives(graph, program.initial, {theta: graph.const(1.0)})
+        rows = _derivatives(
             graph, (*program.outputs, *program.next_carry), {theta: graph.const(1.0)} | dict(drifts)
         )
         for x, begin, end in zip(program.carry, program.initial, program.next_carry, strict=True):
@@ -41,7 +41,7 @@ def summed(program: Program, slopes: int) -> Program:
     return whole._replace(hasty=slopes > 0)
 
 
-def _derived(graph: Graph, roots: Iterable[Node], seeds: dict[Node, Node]) -> dict[Node, Node]:
+def _derivatives(graph: Graph, roots: Iterable[Node], seeds: dict[Node, Node]) -> dict[Node, Node]:
     """Return the derivatives of all below the roots that are not 0, from those that are `seeds`."""
     rows, zero = dict(seeds), graph.const(0.0)
     for node in below(roots):

@@ -55,14 +55,14 @@ Combination = dict[TangentRow, Node]  # Σ coefficient · row
 
 def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tangents:
     """Rows for θ[first : first + lanes] of all that a kernel needs."""
-    one = program.graph.const(1.0)
+    unit = program.graph.const(1.0)
     seeds = program.theta[first : first + lanes]
     drifts = tuple(TangentRow("drift", lanes) for _ in program.carry)
     base: dict[Node, Combination] = {
-        x: {TangentRow("unit", lanes, value=j): one} for j, x in enumerate(seeds)
+        x: {TangentRow("unit", lanes, value=j): unit} for j, x in enumerate(seeds)
     }
-    moved = active(program, seeds)
-    base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in moved}
+    active_nodes = active(program, seeds)
+    base |= {x: {drift: unit} for x, drift in zip(program.carry, drifts, strict=True) if x in active_nodes}
     parts = (program.initial, program.next_carry, program.outputs)
     order = postorder([root for part in parts for root in part], lambda _: False)
     count = len(list(blocks(len(program.theta))))
@@ -148,14 +148,14 @@ class _Rows:
 
     def choose(self, condition: Node, a: Node, b: Node) -> Combination:
         graph = condition.graph
-        one, zero = graph.const(1.0), graph.const(0.0)
+        unit, zero = graph.const(1.0), graph.const(0.0)
         of_a, of_b = self.combinations.get(a, {}), self.combinations.get(b, {})
         both = dict.fromkeys((*of_a, *of_b))
         if self.eliminate and self.sources.issuperset(both):
             return {r: graph.make("where", condition, of_a.get(r, zero), of_b.get(r, zero)) for r in both}
         if not both:
             return {}
-        return {TangentRow("choose", self.lanes, (condition, self.row(a), self.row(b))): one}
+        return {TangentRow("choose", self.lanes, (condition, self.row(a), self.row(b))): unit}
 
     def is_kept(self, node: Node, combination: Combination) -> bool:
         if len(combination) == 1 and all(map(_is_one, combination.values())):

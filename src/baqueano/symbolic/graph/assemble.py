@@ -43,24 +43,29 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
 
     constant = {x: begin[x] for x in symbols if after[x] is x and (from_start or not keep_all)}
     roots = graph.substitute([*trace.outputs, *after.values()], constant)
-    outputs, moved = roots[: len(trace.outputs)], dict(zip(symbols, roots[len(trace.outputs) :], strict=True))
+    outputs, next_values = (
+        roots[: len(trace.outputs)],
+        dict(zip(symbols, roots[len(trace.outputs) :], strict=True)),
+    )
     moving = [x for x in symbols if x not in constant]
-    alive = set(moving) if keep_all else _alive(outputs, moved, set(moving))
+    alive = set(moving) if keep_all else _alive(outputs, next_values, set(moving))
     carry = [x for x in moving if x in alive]
     program = Program(
         graph, tuple(trace.theta), tuple(start), tuple(begin[x] for x in carry), tuple(carry),
-        tuple(trace.inputs), tuple(moved[x] for x in carry), tuple(outputs),
+        tuple(trace.inputs), tuple(next_values[x] for x in carry), tuple(outputs),
     )  # fmt: skip
     place = {x: k for k, x in enumerate(carry)}
     place |= {x: len(carry) + k for k, x in enumerate(symbols) if x in constant}
-    used = set(below([*trace.outputs, *(after[x] for x in carry)]))
-    unused = [k for k, x in enumerate(trace.carry) if x not in alive and not (x in constant and x in used)]
+    used_nodes = set(below([*trace.outputs, *(after[x] for x in carry)]))
+    unused_carry = [
+        k for k, x in enumerate(trace.carry) if x not in alive and not (x in constant and x in used_nodes)
+    ]
     return Assembly(
         program,
         np.array(first if from_start else [], dtype=int),
         np.array([place.get(x, 0) for x in trace.carry], dtype=int),
         np.array([first_of[x] for x in trace.carry], dtype=int),
-        tuple(unused),
+        tuple(unused_carry),
     )
 
 
@@ -69,11 +74,11 @@ def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], ze
     nothing = graph.const(0.0)
     while zero:
         order = sorted(zero)
-        substituted = graph.substitute([after[k] for k in order], {carry[k]: nothing for k in order})
-        still = {k for k, node in zip(order, substituted, strict=True) if node is nothing}
-        if still == zero:
+        nodes = graph.substitute([after[k] for k in order], {carry[k]: nothing for k in order})
+        remaining = {k for k, node in zip(order, nodes, strict=True) if node is nothing}
+        if remaining == zero:
             break
-        zero = still
+        zero = remaining
     return zero
 
 

@@ -54,8 +54,8 @@ def plan(
     roots = list(roots)
     moving = _moving(roots, changing)
     loop = schedule(roots, lambda term: term not in moving or term.op in LEAVES, branches)
-    fixed = [term for term in (*arguments(loop), *roots) if term not in moving]
-    return EmitPlan(schedule([*initial, *fixed], lambda term: term.op in LEAVES, branches=False), loop)
+    fixed_terms = [term for term in (*arguments(loop), *roots) if term not in moving]
+    return EmitPlan(schedule([*initial, *fixed_terms], lambda term: term.op in LEAVES, branches=False), loop)
 
 
 def with_reciprocals(program: Program, uses: int) -> Program:
@@ -66,13 +66,13 @@ def with_reciprocals(program: Program, uses: int) -> Program:
     roots = [root for part in parts for root in part]
     moving = _moving(roots, {*program.carry, *program.inputs})
     order = postorder(roots, lambda _: False)
-    stepped = _stepped(order)
-    divided = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
+    step_divisors = _step_divisors(order)
+    divisor_counts = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
     new: dict[Node, Node] = {}
     for node in order:
         args = [new[a] for a in node.args]
-        slow = node in moving and node.op == "div" and not _is_reciprocal(node) and node not in stepped
-        if slow and (node.args[1] not in moving or divided[node.args[1]] >= uses):
+        slow = node in moving and node.op == "div" and not _is_reciprocal(node) and node not in step_divisors
+        if slow and (node.args[1] not in moving or divisor_counts[node.args[1]] >= uses):
             new[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
         else:
             new[node] = graph.make(node.op, *args, value=node.value) if args else node
@@ -80,7 +80,7 @@ def with_reciprocals(program: Program, uses: int) -> Program:
     return program._replace(next_carry=next_carry, outputs=outputs)
 
 
-def _stepped(order: Sequence[Node]) -> set[Node]:
+def _step_divisors(order: Sequence[Node]) -> set[Node]:
     """Return the nodes that floor and comparisons depend on, through sums and choices: there the last digit decides."""
     nodes: set[Node] = set()
     for node in reversed(order):
@@ -123,20 +123,20 @@ def cost(statements: Iterable[Statement]) -> float:
 
 def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
     """Return all terms under the roots, arguments before users, without those already computed and their terms."""
-    done: set[Term] = set()
+    visited_terms: set[Term] = set()
     order = []
     for root in roots:
         stack = [root]
         while stack:
             term = stack[-1]
-            if term in done or is_given(term):
+            if term in visited_terms or is_given(term):
                 stack.pop()
                 continue
-            pending = [a for a in term.args if a not in done and not is_given(a)]
+            pending = [a for a in term.args if a not in visited_terms and not is_given(a)]
             if pending:
                 stack += reversed(pending)
             else:
-                done.add(term)
+                visited_terms.add(term)
                 order.append(term)
     return order
 
@@ -251,26 +251,28 @@ class _Branches:
         loop = _Region()
         places: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
         groups: dict[_BranchKey, _BranchGroup] = {}
-        grouped: dict[Term, _BranchGroup] = {}
+        group_of: dict[Term, _BranchGroup] = {}
         for term in reversed(self.order):
-            here = places[term]
-            regions = [here] * len(term.args)
-            key = self.key(term, here) if term.op in CHOICES else None
+            own_region = places[term]
+            regions = [own_region] * len(term.args)
+            key = self.key(term, own_region) if term.op in CHOICES else None
             if key is not None:
                 if key not in groups:
-                    groups[key] = _BranchGroup(key, (self.arm(key, 0, here), self.arm(key, 1, here)))
-                group = grouped[term] = groups[key]
+                    groups[key] = _BranchGroup(
+                        key, (self.arm(key, 0, own_region), self.arm(key, 1, own_region))
+                    )
+                group = group_of[term] = groups[key]
                 group.choices.insert(0, term)
-                regions = [here, *group.arms]
+                regions = [own_region, *group.arms]
             for a, region in zip(term.args, regions, strict=True):
                 places[a] = places[a].meet(region) if a in places else region
         _settle(self.order, places, list(groups.values()))
-        return grouped
+        return group_of
 
-    def key(self, term: Term, here: _Region) -> _BranchKey | None:
-        if here.depth == DEEPEST:
+    def key(self, term: Term, region: _Region) -> _BranchKey | None:
+        if region.depth == DEEPEST:
             return None
-        key = _BranchKey(here.number, term.args[0], self.levels.get(term, 0))
+        key = _BranchKey(region.number, term.args[0], self.levels.get(term, 0))
         return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
 
     def arm(self, key: _BranchKey, arm: int, outside: _Region) -> _Region:
@@ -285,9 +287,9 @@ def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_Branch
             region.terms.append(term)
     for group in groups:
         inside = {*group.arms[0].terms, *group.arms[1].terms}
-        used = [a for arm in group.arms for term in arm.terms for a in term.args]
-        used += [a for term in group.choices for a in term.args]
-        group.needs = [a for a in dict.fromkeys(used) if a not in inside]
+        used_terms = [a for arm in group.arms for term in arm.terms for a in term.args]
+        used_terms += [a for term in group.choices for a in term.args]
+        group.needs = [a for a in dict.fromkeys(used_terms) if a not in inside]
 
 
 def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:

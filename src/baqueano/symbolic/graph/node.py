@@ -71,7 +71,7 @@ class Graph:
             table = () if value is None else (self.tables[value],)
             return self.const(ieee.OPERATORS[op](*[a.value for a in args], *table))
         if op in ieee.COMMUTATIVE:
-            args = _ordered(*args)
+            args = _order(*args)
         rule = RULES.get(op)
         simple = rule(self, *args) if rule else None
         if simple is not None:
@@ -89,13 +89,13 @@ class Graph:
     def substitute(self, roots: Iterable[Node], new: Mapping[Node, Node]) -> list[Node]:
         """The roots with some nodes replaced, and simplified again."""
         roots = list(roots)
-        made = dict(new)
+        new_nodes = dict(new)
         for node in below(roots):
-            if node not in made:
-                args = [made[a] for a in node.args]
+            if node not in new_nodes:
+                args = [new_nodes[a] for a in node.args]
                 same = all(a is b for a, b in zip(args, node.args, strict=True))
-                made[node] = node if same else self.make(node.op, *args, value=node.value)
-        return [made[root] for root in roots]
+                new_nodes[node] = node if same else self.make(node.op, *args, value=node.value)
+        return [new_nodes[root] for root in roots]
 
     def _intern(self, key: tuple[Value, ...], op: str, args: tuple[Node, ...], value: Value) -> Node:
         node = self.nodes.get(key)
@@ -104,7 +104,7 @@ class Graph:
         return node
 
 
-def _ordered(a: Node, b: Node) -> tuple[Node, Node]:
+def _order(a: Node, b: Node) -> tuple[Node, Node]:
     """Constants first, then the older one."""
     return (b, a) if (b.op == "const", -b.index) > (a.op == "const", -a.index) else (a, b)
 

@@ -58,10 +58,10 @@ def trace_step(
     """A step; `carry` is a function of θ or None. Of the leaves that might be `symmetric`, those that are."""
     while True:
         trace = _traced_step(step, carry, carry_shape, inputs, parameters, symmetric)
-        still = {p for p in symmetric if _stays_symmetric(trace, carry_shape, p)}
-        if still == symmetric:
+        remaining = {p for p in symmetric if _stays_symmetric(trace, carry_shape, p)}
+        if remaining == symmetric:
             return trace, symmetric
-        symmetric = still
+        symmetric = remaining
 
 
 def _traced_step(
@@ -77,7 +77,7 @@ def _traced_step(
     initial = None
     with tracing(), located():
         theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
-        theta_of = () if parameters is None else (_frozen(np.array(theta, dtype=object).view(TracedArray)),)
+        theta_of = () if parameters is None else (_freeze(np.array(theta, dtype=object).view(TracedArray)),)
         if carry is not None:
             initial = _matching(graph, carry(*theta_of), carry_shape, "carry(theta)")
         state, symbols = _symbols(graph, carry_shape, kinds, symmetric)
@@ -86,19 +86,19 @@ def _traced_step(
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching(graph, result[0], carry_shape, "the step")
-    kept = _kept_kinds(carry_shape, symbols, next_carry, kinds)
+    carry_kinds = _stable_kinds(carry_shape, symbols, next_carry, kinds)
     shape, outputs = _flat(graph, result[1], "output", kinds)
-    return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape, kept)
+    return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape, carry_kinds)
 
 
-def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
+def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
     """The shape of a carry, where an integer or truth that becomes a float is one; `kinds` too."""
-    changed = symbols
-    while changed:
+    changed_symbols = symbols
+    while changed_symbols:
         kind_of = kind_finder(kinds)
         pairs = [(x, y) for x, y in zip(symbols, after, strict=True) if kinds.get(x, "f") != "f"]
-        changed = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or kind_of(y))]
-        for x in changed:
+        changed_symbols = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or kind_of(y))]
+        for x in changed_symbols:
             del kinds[x]
     own_kinds, at = [], 0
     for leaf in leaves(shape):
@@ -136,10 +136,10 @@ def _argument(leaf: Leaf, nodes: list[Node]) -> Tree:
         return nodes[0]
     array = np.empty(leaf.size, dtype=object)
     array[:] = nodes
-    return _frozen(array.reshape(leaf.shape).view(TracedArray))
+    return _freeze(array.reshape(leaf.shape).view(TracedArray))
 
 
-def _frozen(array: TracedArray) -> TracedArray:
+def _freeze(array: TracedArray) -> TracedArray:
     array.flags.writeable = False
     return array
 
@@ -149,25 +149,25 @@ def _flat(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> tuple[
     return shape, [graph.node(x) for v in values(shape, tree) for x in as_array(v).ravel().tolist()]
 
 
-def _matching(graph: Graph, tree: Tree, shape: Shape, whose: str) -> list[Node]:
+def _matching(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[Node]:
     """The numbers of a tree that has to have this shape."""
     try:
         flat = values(shape, tree)
     except Invalid as error:
-        why = fault("trace.another-carry", whose=whose, cause=error.diagnostic)
-        raise TraceError(why) from None
+        reason = fault("trace.another-carry", whose=owner, cause=error.diagnostic)
+        raise TraceError(reason) from None
     nodes = []
     for leaf, value in zip(leaves(shape), flat, strict=True):
         if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
             raise TraceError(
-                fault("trace.value", whose=whose, found=repr(value), path=leaf.path, shape=str(leaf.shape))
+                fault("trace.value", whose=owner, found=repr(value), path=leaf.path, shape=str(leaf.shape))
             )
         array = as_array(value)
         if array.shape != leaf.shape:
             raise TraceError(
                 fault(
                     "trace.leaf-shape",
-                    whose=whose,
+                    whose=owner,
                     path=leaf.path,
                     found=str(array.shape),
                     expected=str(leaf.shape),
@@ -190,5 +190,5 @@ def _stays_symmetric(trace: Trace, carry_shape: Shape, path: str) -> bool:
 
 def _name(f: Callable[..., Tree]) -> str:
     code = getattr(f, "__code__", None) or getattr(getattr(f, "__func__", None), "__code__", None)
-    where = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
-    return f"{getattr(f, '__qualname__', type(f).__name__)}{where}"
+    place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
+    return f"{getattr(f, '__qualname__', type(f).__name__)}{place}"

@@ -111,7 +111,7 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
         return []
     items = _items(tree)
     if items is None or type(tree) is not shape.kind or tuple(key for key, _ in items) != shape.keys:
-        raise Invalid(fault("tree.branch", path=shape.path, found=_short(tree), expected=_described(shape)))
+        raise Invalid(fault("tree.branch", path=shape.path, found=_short(tree), expected=_description(shape)))
     return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
 
 
@@ -172,9 +172,9 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
         stack = [node]
         while stack:
             part = stack[-1]
-            unknown = [a for a in part.args if a not in kinds] if part.op in _WHOLE else []
-            stack += unknown
-            if not unknown:
+            unknown_parts = [a for a in part.args if a not in kinds] if part.op in _WHOLE else []
+            stack += unknown_parts
+            if not unknown_parts:
                 kinds.setdefault(stack.pop(), _kind(part, kinds))
         return kinds[node]
 
@@ -223,7 +223,7 @@ def _equal(a: Tree, b: Tree) -> bool:
     return type(a) is type(b) and bool(np.all(a == b))
 
 
-def _described(shape: Branch) -> str:
+def _description(shape: Branch) -> str:
     if shape.kind in (tuple, list):
         return f"a {shape.kind.__name__} of {len(shape.keys)}"
     return f"{shape.kind.__name__}({', '.join(map(str, shape.keys))})"

@@ -141,18 +141,20 @@ class PythonKernel:
         """Write a tick: only inputs that are used become numbers of Python, and each value is written once."""
         program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
         nodes = list(dict.fromkeys(program.outputs))
-        used = sorted(place[node] for node in below(nodes) if node in place)
-        zeros, which = (np.array(x, dtype=np.intp) for x in ([place[node] for node in program.zeros], used))
+        used_inputs = sorted(place[node] for node in below(nodes) if node in place)
+        zeros, which = (
+            np.array(x, dtype=np.intp) for x in ([place[node] for node in program.zeros], used_inputs)
+        )
         nothing, outputs_ = bytes(8 * len(zeros)), np.empty(len(nodes))
         number = {node: k for k, node in enumerate(nodes)}
         spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
         write, to = struct.Struct(f"={len(nodes)}d").pack_into, outputs_.data.cast("B")
 
-        def made(formats: Formats, operators: dict[str, Callable[..., Value]]) -> Callable[..., Value]:
-            text = tick_text(formats, [program.inputs[k] for k in used], nodes)
-            return self._executed(text, operators)["tick"]
+        def make_tick(formats: Formats, operators: dict[str, Callable[..., Value]]) -> Callable[..., Value]:
+            text = tick_text(formats, [program.inputs[k] for k in used_inputs], nodes)
+            return self._execute(text, operators)["tick"]
 
-        ticks = [made(FLOATS, _FAST)]
+        ticks = [make_tick(FLOATS, _FAST)]
 
         def call() -> bool:
             if nothing and inputs.take(zeros).tobytes() != nothing:
@@ -161,7 +163,7 @@ class PythonKernel:
             try:
                 values = ticks[-1](row)
             except (ArithmeticError, ValueError):
-                ticks.append(made(CAREFUL, ieee.OPERATORS))
+                ticks.append(make_tick(CAREFUL, ieee.OPERATORS))
                 values = ticks[-1](row)
             write(to, 0, *values)
             outputs_.take(spread, out=outputs)
@@ -206,10 +208,10 @@ class PythonKernel:
         key = f"{formats.name} {len(first)} {len(groups)}"
         if key not in self.functions:
             text = kernel_text(self.program, formats, groups, first)
-            self.functions[key] = self._executed(text, operators)["kernel"]
+            self.functions[key] = self._execute(text, operators)["kernel"]
         return self.functions[key]
 
-    def _executed(self, text: str, operators: dict[str, Callable[..., Value]]) -> dict[str, Value]:
+    def _execute(self, text: str, operators: dict[str, Callable[..., Value]]) -> dict[str, Value]:
         space: dict[str, object] = {f"{op}_": function for op, function in operators.items()}
         space |= {f"table{k}": tuple(x.tolist() for x in t) for k, t in enumerate(self.program.tables)}
         space |= {"inf": math.inf, "nan": math.nan}

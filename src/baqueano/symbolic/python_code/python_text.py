@@ -57,8 +57,8 @@ def kernel_text(
     ]
     carry, inputs = text.leaves("x", program.carry), text.leaves("i", program.inputs)
     moving = _moving(program, each)
-    fixed = [node for node in below([*each, *once]) if node not in moving]
-    head += text.statements(fixed, "    ", name_all=True)
+    fixed_nodes = [node for node in below([*each, *once]) if node not in moving]
+    head += text.statements(fixed_nodes, "    ", name_all=True)
     loop = text.statements([node for node in below(each) if node in moving], "        ")
     row = "".join(f"{text.all(group)}, " for group in groups)
     return "\n".join([

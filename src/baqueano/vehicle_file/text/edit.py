@@ -88,12 +88,12 @@ def edited(
     if not _has_tomlkit():
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
-    rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
+    rounded_values = {k: _round(v, origins[k].sd if k in origins else None) for k, v in values.items()}
     paths = known_paths(_with_kinds(file.data, values), file.folder)
     for key in origins:
         if ".".join(split(key)[0]) not in paths:
             raise no_such_key(file.name, key, paths)
-    return _with(file, rounded, True, origins, parameter_cov, envelope)
+    return _with(file, rounded_values, True, origins, parameter_cov, envelope)
 
 
 def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
@@ -155,23 +155,23 @@ def _with(
     else:
         document = tomllib.loads(file.text)
     whole: dict[tuple[str, ...], Any] = {}
-    for dotted, value in values.items():
-        path, entry = split(dotted)
+    for dotted_key, value in values.items():
+        path, entry = split(dotted_key)
         if ".".join(path) not in paths:
-            raise no_such_key(file.name, dotted, paths)
+            raise no_such_key(file.name, dotted_key, paths)
         whole[path] = _with_entry(file, path, whole.get(path), entry, value) if entry else value
     for path, value in whole.items():
-        _put(document, path, value)
+        _set_value(document, path, value)
         _forget(document, ".".join(path))
     _drop_unknown(document, [split(key)[0] for key in values], paths)
-    for dotted, origin in (origins or {}).items():
-        _put(document, ("provenance", dotted), _origin_table(origin))
+    for dotted_key, origin in (origins or {}).items():
+        _set_value(document, ("provenance", dotted_key), _origin_table(origin))
     if parameter_cov is not None:
-        _put(document, ("parameter_cov",), _cov_table(parameter_cov))
+        _set_value(document, ("parameter_cov",), _cov_table(parameter_cov))
     if envelope is not None:
         low, high = (_digits(side, RANGE_DIGITS) for side in (envelope.low, envelope.high))
         table = envelope._replace(names=list(envelope.names), low=low, high=high)._asdict()
-        _put(document, ("envelope",), _plain(table))
+        _set_value(document, ("envelope",), _plain(table))
     return dump(document)
 
 
@@ -181,9 +181,9 @@ def _with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject
     return data | {room: {**data.get(room, {}), "kind": kind} for room, kind in kinds.items()}
 
 
-def _drop_unknown(document: Any, changed: Iterable[tuple[str, ...]], paths: list[str]) -> None:
+def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths: list[str]) -> None:
     """Delete what the block of another kind does not have."""
-    for room, *rest in changed:
+    for room, *rest in changed_paths:
         if rest == ["kind"] and f"{room}.kind" in KINDS:
             for key in [k for k in document[room] if f"{room}.{k}" not in paths]:
                 del document[room][key]
@@ -205,7 +205,7 @@ def _with_entry(
     return array
 
 
-def _put(document: Any, path: tuple[str, ...], value: Any) -> None:
+def _set_value(document: Any, path: tuple[str, ...], value: Any) -> None:
     """Sets one key, with its tables made where they are missing."""
     table = document
     for part in path[:-1]:
@@ -233,10 +233,10 @@ def _put_entries(old: list[Any], new: list[Any]) -> None:
             old[i] = value
 
 
-def _forget(document: Any, dotted: str) -> None:
+def _forget(document: Any, dotted_key: str) -> None:
     """Delete the provenance of a value that is replaced."""
     origins = document.get("provenance", {})
-    for key in [k for k in origins if ".".join(split(k)[0]) == dotted]:
+    for key in [k for k in origins if ".".join(split(k)[0]) == dotted_key]:
         del origins[key]
     if "provenance" in document and not origins:
         del document["provenance"]
@@ -281,7 +281,7 @@ def _cov_table(p: ParameterCov) -> "JsonObject":
     }
 
 
-def _rounded(value: Any, sd: Any) -> Any:
+def _round(value: Any, sd: Any) -> Any:
     """Values to a thousandth of their standard deviation, where that is known."""
     if sd is None or isinstance(value, str | bool):
         return value

@@ -113,7 +113,7 @@ class Foxglove:
         if not self._clients:
             return
         fields = self._about()["fields"]
-        self._advertise_again()
+        self._renew_channels()
         bodies: dict[str, list[tuple[int, bytes]]] = {}
         for client in self._clients.values():
             messages = []
@@ -134,8 +134,8 @@ class Foxglove:
         })  # fmt: skip
 
     def _subscribe(self, client: Client, requests: "list[JsonObject]") -> None:
-        for one in requests:
-            number, channel = int(one["id"]), int(one["channelId"])
+        for request in requests:
+            number, channel = int(request["id"]), int(request["channelId"])
             if not 0 < channel <= len(self._topics) or not 0 <= number < 1 << 32:
                 client.line.say(_status("web.foxglove-channel", str(channel)))
             elif len(client.subscriptions) >= MOST:
@@ -148,7 +148,9 @@ class Foxglove:
     def _channels(self) -> "list[JsonObject]":
         fields = self._about()["fields"]
         families = [
-            FAMILIES[one] for one in dict.fromkeys(_family(f["name"]) for f in fields) if one in FAMILIES
+            FAMILIES[family]
+            for family in dict.fromkeys(_family(f["name"]) for f in fields)
+            if family in FAMILIES
         ]
         self._topics = [*families, DRIVE, EVENTS, ROUTE]
         kinds = {EVENTS: "foxglove.Log", ROUTE: "foxglove.PosesInFrame"}
@@ -161,7 +163,7 @@ class Foxglove:
             for k, topic in enumerate(self._topics, 1)
         ]  # fmt: skip
 
-    def _advertise_again(self) -> None:
+    def _renew_channels(self) -> None:
         """Another vehicle may have other columns: those that know the old channels get the new ones."""
         before = self._topics
         channels = self._channels()
@@ -181,10 +183,10 @@ class Foxglove:
             f"block.{room}": str(kind) for room, kind in (self._about().get("blocks") or {}).items()
         }
         values_of |= dict(vehicle.get("gains") or {})
-        for one in vehicle.get("command", []):
-            values_of[f"limit.{one['name']}"] = [one["low"], one["high"]]
-        chosen = [name for name in values_of if not names or name in names]
-        values = [{"name": name, "value": values_of[name]} for name in chosen]
+        for command in vehicle.get("command", []):
+            values_of[f"limit.{command['name']}"] = [command["low"], command["high"]]
+        selection = [name for name in values_of if not names or name in names]
+        values = [{"name": name, "value": values_of[name]} for name in selection]
         return {"op": "parameterValues", "parameters": values} | (
             {} if request_id is None else {"id": str(request_id)}
         )
@@ -195,10 +197,10 @@ class Foxglove:
 
         return {
             "op": "connectionGraphUpdate", "advertisedServices": [], "removedTopics": [], "removedServices": [],
-            "publishedTopics": [{"name": one, "publisherIds": blocks(one)} for one in self._topics],
+            "publishedTopics": [{"name": topic, "publisherIds": blocks(topic)} for topic in self._topics],
             "subscribedTopics": [
-                {"name": one, "subscriberIds": [block for block, read in READS.items() if one in read]}
-                for one in self._topics
+                {"name": topic, "subscriberIds": [block for block, read in READS.items() if topic in read]}
+                for topic in self._topics
             ],
         }  # fmt: skip
 
@@ -214,8 +216,8 @@ class Foxglove:
     def _send(self, topic: str, message: "JsonObject") -> None:
         body = encoded(message)
         for client in self._clients.values():
-            for number, subscribed in client.subscriptions.items():
-                if subscribed == topic:
+            for number, channel_topic in client.subscriptions.items():
+                if channel_topic == topic:
                     client.line.show(packed(MESSAGE.pack(DATA, number, self._now_ns()) + body))
 
     def _stamp(self, row: list[float]) -> int:
@@ -245,15 +247,15 @@ def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
     if topic == ROUTE:
         return {"frame_id": {"type": "string"}, "poses": {"type": "array", "items": {"type": "object"}}}
     return {
-        _key(one["name"]): {"type": "number", "description": one["unit"]}
-        for one in fields if _topic(one["name"]) == topic
+        _key(field["name"]): {"type": "number", "description": field["unit"]}
+        for field in fields if _topic(field["name"]) == topic
     }  # fmt: skip
 
 
 def _body(topic: str, fields: "list[JsonObject]", row: list[float]) -> bytes:
     """Return the numbers of a topic as JSON; nothing where none of them is known."""
-    named = zip((one["name"] for one in fields), row, strict=False)
-    values = {_key(name): x for name, x in named if _topic(name) == topic}
+    pairs = zip((field["name"] for field in fields), row, strict=False)
+    values = {_key(name): x for name, x in pairs if _topic(name) == topic}
     return encoded(values) if any(x is not None for x in values.values()) else b""
 
 
@@ -262,5 +264,5 @@ def _time(t_ns: int) -> "JsonObject":
 
 
 def _status(code: str, word: str = "") -> "JsonObject":
-    named = one_line(word)[:40]
-    return {"op": "status", "level": ERROR, "message": text(note(code, word=named, error=named))}
+    short_word = one_line(word)[:40]
+    return {"op": "status", "level": ERROR, "message": text(note(code, word=short_word, error=short_word))}

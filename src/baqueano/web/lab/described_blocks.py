@@ -36,14 +36,14 @@ def described(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
     """Return all that the page shows of the block of a room, or of another `kind` in its place."""
     room, kind = word["room"], word["kind"]
     of_file = _kind_in_file(room, file)
-    others = listed_kinds(room, file) if room in SWAPPED else []
-    if kind and kind not in others and kind != of_file:
-        raise UsageError(fault("web.no-kind", room=room, found=repr(kind), known=others))
+    alternatives = listed_kinds(room, file) if room in SWAPPED else []
+    if kind and kind not in alternatives and kind != of_file:
+        raise UsageError(fault("web.no-kind", room=room, found=repr(kind), known=alternatives))
     block = block_of(room, kind or of_file, file)
     cls = type(block)
     return {
-        "room": room, "kind": kind or of_file, "of_file": of_file, "kinds": others, "name": cls.__name__,
-        "ours": _ours(cls), "parameters": _parameters(room, block), **_text(cls),
+        "room": room, "kind": kind or of_file, "of_file": of_file, "kinds": alternatives, "name": cls.__name__,
+        "ours": _is_own(cls), "parameters": _parameters(room, block), **_text(cls),
         "step_us": step_us(room, kind or of_file, file) if room in LOOP else None, "tick_us": 1e6 / file.rate_hz,
     }  # fmt: skip
 
@@ -55,7 +55,7 @@ def check_block(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
     described(word | {"kind": word["kind"]}, file)  # refuses what is in no list
     room = word["room"]
     report = check(block_of(room, word["kind"] or _kind_in_file(room, file), file), file, room)
-    return {"findings": [one.to_json() for one in report.findings]}
+    return {"findings": [finding.to_json() for finding in report.findings]}
 
 
 def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
@@ -73,19 +73,21 @@ def own_kinds(room: str, file: "VehicleFile") -> list[str]:
             tree = ast.parse(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, SyntaxError):
             continue
-        classes = [one for one in tree.body if isinstance(one, ast.ClassDef)]
-        kinds += [f"{path.name}:{one.name}" for one in classes if _room(one) == room]
+        classes = [class_ for class_ in tree.body if isinstance(class_, ast.ClassDef)]
+        kinds += [f"{path.name}:{class_.name}" for class_ in classes if _room(class_) == room]
     return kinds
 
 
 def _room(cls: ast.ClassDef) -> str:
     """Return the room of a class by the inputs of its step, or by what it is derived from."""
-    steps = [one for one in cls.body if isinstance(one, ast.FunctionDef) and one.name == "step"]
+    steps = [
+        function for function in cls.body if isinstance(function, ast.FunctionDef) and function.name == "step"
+    ]
     if steps:
         return ROOMS_BY_INPUTS.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
     bases = {getattr(base, "attr", getattr(base, "id", "")) for base in cls.bases}
-    ours = {target.partition(":")[2]: room for room in LOOP for target in ROOMS[room].values()}
-    return next((room for name, room in ours.items() if name in bases), "")
+    room_of_base = {target.partition(":")[2]: room for room in LOOP for target in ROOMS[room].values()}
+    return next((room for name, room in room_of_base.items() if name in bases), "")
 
 
 def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
@@ -97,8 +99,8 @@ def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
     if room == "sensors":
         return next(iter(file.sensors), None)
     resolve(room, kind, file.folder)
-    given = None if kind == _kind_in_file(room, file) else kind
-    return file.guide(circle(1.0, 0.25), given) if room == "guide" else getattr(file, room)(given)
+    own_kind = None if kind == _kind_in_file(room, file) else kind
+    return file.guide(circle(1.0, 0.25), own_kind) if room == "guide" else getattr(file, room)(own_kind)
 
 
 def _kind_in_file(room: str, file: "VehicleFile") -> str:
@@ -114,7 +116,7 @@ def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     from baqueano.drive.session import example_tick, ready
     from baqueano.loop import Blocks
 
-    own = {one: block_of(one, kind if one == room else _kind_in_file(one, file), file) for one in LOOP}
+    own = {part: block_of(part, kind if part == room else _kind_in_file(part, file), file) for part in LOOP}
     tick = example_tick(file)
     quick, _ = ready(Blocks(**own), tick, "auto")
     states = loop.init(quick)
@@ -136,7 +138,7 @@ def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     return 1e6 * min(rounds) / CALLS
 
 
-def _ours(cls: type) -> bool:
+def _is_own(cls: type) -> bool:
     from baqueano.block_checks.source_text import is_ours
 
     return is_ours(cls)
@@ -148,7 +150,7 @@ def _text(cls: type) -> "JsonObject":
 
     text = source_text(cls)
     module = cls.__module__.removeprefix("baqueano.").replace(".", "/")
-    return {"file": f"{module}.py" if _ours(cls) else f"{cls.__name__}", "text": text[:LONGEST_TEXT],
+    return {"file": f"{module}.py" if _is_own(cls) else f"{cls.__name__}", "text": text[:LONGEST_TEXT],
             "line": _line(text, cls.__name__)}  # fmt: skip
 
 
@@ -161,14 +163,14 @@ def _parameters(room: str, block: object) -> "list[JsonObject]":
     from baqueano.parameter import all_parameters
 
     rows = []
-    for path, one in all_parameters(block, room):
+    for path, entry in all_parameters(block, room):
         value: Tree = block
         for name in path.split(".")[1:]:
             value = getattr(value, name)
         array = np.asarray(value, dtype=float) if value is not None else np.zeros(0)
-        shown = array.ravel().tolist() if array.size <= MOST_NUMBERS else None
+        numbers = array.ravel().tolist() if array.size <= MOST_NUMBERS else None
         rows.append({
-            "name": path.partition(".")[2], "unit": "" if one.unit == "1" else one.unit, "meaning": one.meaning,
-            "value": shown, "shape": " × ".join(map(str, array.shape)),
+            "name": path.partition(".")[2], "unit": "" if entry.unit == "1" else entry.unit, "meaning": entry.meaning,
+            "value": numbers, "shape": " × ".join(map(str, array.shape)),
         })  # fmt: skip
     return rows

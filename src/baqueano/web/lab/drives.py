@@ -51,8 +51,8 @@ class Drives:
         key = str(path), path.stat().st_mtime_ns
         if key not in self._answers:
             run = read_run(path)
-            packed, drive = recorded(run), DriveIdentification(vehicle_of(run))
-            drive.rows([one["name"] for one in packed.fields], packed.x.tolist())
+            packed_run, drive = recorded(run), DriveIdentification(vehicle_of(run))
+            drive.rows([field["name"] for field in packed_run.fields], packed_run.x.tolist())
             self._answers[key] = drive.whole(run)
             drive.close()
             while len(self._answers) > KEPT:

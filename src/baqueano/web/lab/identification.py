@@ -70,8 +70,8 @@ class DriveIdentification:
         """Begin with another drive of the same vehicle."""
         self._job: Future[FitOfDrive | Diagnostic] | None = None
         self._next_s = 0.0
-        self._why: Diagnostic | None = None  # the last fit was none
-        self._fitted: FitOfDrive | None = None
+        self._reason: Diagnostic | None = None  # the last fit was none
+        self._last_fit: FitOfDrive | None = None
         self._fit_ticks = 0  # that the last fit had
         self._theta, self._size = self._informant.nominal, self._informant.of.size
         self._wider = np.ones(len(self._free))  # errors of the last fit, in parts of what is expected
@@ -88,9 +88,9 @@ class DriveIdentification:
     def warm(self) -> None:
         """Compile what a window needs, before there is one."""
         if self.compiled:
-            still = np.zeros((WINDOW, self._u.shape[1]))
-            self._live.add(self._information, still)
-            self._informant.information(still)
+            rest_command = np.zeros((WINDOW, self._u.shape[1]))
+            self._live.add(self._information, rest_command)
+            self._informant.information(rest_command)
 
     @property
     def seconds(self) -> float:
@@ -112,7 +112,7 @@ class DriveIdentification:
         ticks = np.rint(x[:, at["t"]] * self.file.rate_hz).astype(np.int64)
         u = np.column_stack([x[:, at[f"u.{k}"]] for k in range(n)])
         channels = [f"z.{name}[{k}]" for name, size in self._sizes.items() for k in range(size)]
-        z = np.column_stack([x[:, at[one]] if one in at else nothing for one in channels])
+        z = np.column_stack([x[:, at[channel]] if channel in at else nothing for channel in channels])
         last = self._ticks[-1] if len(self._ticks) else ticks[0] - 1
         fresh = ticks > np.maximum.accumulate(np.concatenate([[last], ticks]))[:-1]
         fresh &= np.isfinite(u).all(axis=1)
@@ -125,9 +125,9 @@ class DriveIdentification:
         whole = np.arange(last + 1, ticks[-1] + 1)
         place = np.searchsorted(ticks, whole, side="right") - 1
         in_force = np.concatenate([self._u[-1:] if len(self._u) else u[:1], u])[place + 1]
-        there = np.where((place >= 0)[:, None] & (ticks[place] == whole)[:, None], z[place], np.nan)
+        z_on_ticks = np.where((place >= 0)[:, None] & (ticks[place] == whole)[:, None], z[place], np.nan)
         self._ticks = np.concatenate([self._ticks, whole])
-        self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, there])
+        self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, z_on_ticks])
 
     def state(self) -> "JsonObject":
         """Return all that the page shows, and begin a fit where one is due."""
@@ -139,7 +139,7 @@ class DriveIdentification:
             self._fit_ticks = len(self._ticks)
             self._next_s = now_s + (PERIOD_S if self.compiled else SLOW_PERIOD_S)
             self._job = self._thread.submit(self._fit, self.run())
-        return self._described()
+        return self._description()
 
     def whole(self, run: Run) -> "JsonObject":
         """Return the same of a run that is over and whose rows have come, with the fits of its first parts."""
@@ -148,17 +148,17 @@ class DriveIdentification:
         for t_s in [*ends[:-1].tolist(), run.duration_s]:
             result = self._fit(run.cut(0.0, t_s) if t_s < run.duration_s else run)
             if isinstance(result, Diagnostic):
-                self._why = result
+                self._reason = result
             else:
                 fits.append(result)
-                self._why = None
+                self._reason = None
         if fits:
             self._use(fits[-1])
         self._advance(float("inf"))
         step = max(1, len(self._sd) // POINTS)
-        return self._described() | {
-            "fits": [self._fit_words(one) for one in fits], "step_s": step * self._window_s,
-            "expected": [_rounded(sd) for sd in self._sd[step - 1 :: step]],
+        return self._description() | {
+            "fits": [self._fit_words(fit) for fit in fits], "step_s": step * self._window_s,
+            "expected": [_round(sd) for sd in self._sd[step - 1 :: step]],
         }  # fmt: skip
 
     def run(self) -> Run:
@@ -195,21 +195,21 @@ class DriveIdentification:
             return
         result, self._job = self._job.result(), None
         if isinstance(result, Diagnostic):
-            self._why = result
+            self._reason = result
             return
-        self._why, began_s = None, time.monotonic()
+        self._reason, began_s = None, time.monotonic()
         self._use(result)
         took_s = result.took_s + time.monotonic() - began_s
         self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / SHARE - 1.0))
 
-    def _use(self, one: FitOfDrive) -> None:
+    def _use(self, drive_fit: FitOfDrive) -> None:
         """Take a fit. One that is refused moves no bar: its numbers are not believed."""
-        self._fitted = one
-        if one.fit.verdict == Verdict.REFUSED:
+        self._last_fit = drive_fit
+        if drive_fit.fit.verdict == Verdict.REFUSED:
             return
-        identifiable = np.isfinite(one.fit.estimate)
-        names = [name for name, there in zip(one.fit.names, identifiable, strict=True) if there]
-        self._theta = self._informant.theta(names, one.fit.estimate[identifiable])
+        identifiable = np.isfinite(drive_fit.fit.estimate)
+        names = [name for name, is_known in zip(drive_fit.fit.names, identifiable, strict=True) if is_known]
+        self._theta = self._informant.theta(names, drive_fit.fit.estimate[identifiable])
         size = self._informant.of.size
         own = np.concatenate(
             [np.abs(self._theta[: self._informant.of.interest]), size[self._informant.of.interest :]]
@@ -217,9 +217,9 @@ class DriveIdentification:
         self._size = np.where(own > LEAST * size, own, size)
         self._information, self._sd = self._live.begin(self._theta), []
         self._advance(float("inf"))
-        at = min(len(self._sd), round(one.t_s / self._window_s)) - 1
+        at = min(len(self._sd), round(drive_fit.t_s / self._window_s)) - 1
         if at >= 0:
-            errors = [np.nan if sd is None else sd for sd in self._fit_words(one)["sd"]]
+            errors = [np.nan if sd is None else sd for sd in self._fit_words(drive_fit)["sd"]]
             self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[at], 1.0)
 
     def _advance(self, until_s: float) -> None:
@@ -232,37 +232,39 @@ class DriveIdentification:
             if time.monotonic() > until_s:
                 return
 
-    def _described(self) -> "JsonObject":
+    def _description(self) -> "JsonObject":
         sd = np.array(self._sd) if self._sd else np.ones((1, len(self._free)))
         ago = max(0, len(sd) - 1 - round(AGO_S / self._window_s))
         each = max(1, -(-len(sd) // POINTS))  # windows of a point of the curve
         total = -np.sum(np.log2(sd[each - 1 :: each]), axis=1)
         rate = np.maximum(np.diff(total, prepend=0.0), 0.0) / (each * self._window_s)
-        value = [None] * len(self._free) if self._fitted is None else self._fit_words(self._fitted)["value"]
+        value = (
+            [None] * len(self._free) if self._last_fit is None else self._fit_words(self._last_fit)["value"]
+        )
         return {
             "t": self.seconds, "start": self._start_s, "dt": each * self._window_s, "rate": rate.round(2).tolist(),
-            "bits": bits(sd[-1]) + 0.0, "now": _rounded(sd[-1]), "before": _rounded(sd[ago]), "compiled": self.compiled,
-            "parameters": [self._parameter(one, sd[-1, k], value[k]) for k, one in enumerate(self._free)],
-            "fit": None if self._fitted is None else self._fit_words(self._fitted), "next": self._next(),
-            "why": None if self._why is None else self._why.to_json(), "busy": self.busy, "first": FIRST_S,
+            "bits": bits(sd[-1]) + 0.0, "now": _round(sd[-1]), "before": _round(sd[ago]), "compiled": self.compiled,
+            "parameters": [self._parameter(free, sd[-1, k], value[k]) for k, free in enumerate(self._free)],
+            "fit": None if self._last_fit is None else self._fit_words(self._last_fit), "next": self._next(),
+            "why": None if self._reason is None else self._reason.to_json(), "busy": self.busy, "first": FIRST_S,
         }  # fmt: skip
 
     @property
     def _start_s(self) -> float:
         return float(self._ticks[0]) / self.file.rate_hz if len(self._ticks) else 0.0
 
-    def _parameter(self, one: Free, sd: float, value: float | None) -> "JsonObject":
-        missing = one.shown_by and (sd > UNSEEN or (self._fitted is not None and value is None))
+    def _parameter(self, free: Free, sd: float, value: float | None) -> "JsonObject":
+        missing = free.shown_by and (sd > UNSEEN or (self._last_fit is not None and value is None))
         return {
-            "path": one.short, "label": label_of(one).to_json(),
-            "unit": "" if one.unit == "1" else one.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
-            "guess": float(self._informant.nominal[self._informant.of.names.index(one.path)]),
-            "needs": note("known.needs", motion=one.shown_by).to_json() if missing else None,
+            "path": free.short, "label": label_of(free).to_json(),
+            "unit": "" if free.unit == "1" else free.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
+            "guess": float(self._informant.nominal[self._informant.of.names.index(free.path)]),
+            "needs": note("known.needs", motion=free.shown_by).to_json() if missing else None,
         }  # fmt: skip
 
-    def _fit_words(self, one: FitOfDrive) -> "JsonObject":
+    def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
         """Return a fit in plain numbers: values, their standard errors in parts of them, and the verdict."""
-        fit, value, sd = one.fit, [], []
+        fit, value, sd = drive_fit.fit, [], []
         for path in self._informant.of.names:
             k = fit.names.index(path) if path in fit.names else None
             x = float("nan") if k is None else float(fit.estimate[k])
@@ -272,7 +274,7 @@ class DriveIdentification:
             sd.append(min(part, 10.0) if np.isfinite(part) else None)
         reason = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
-            "t": one.t_s, "took_s": one.took_s, "value": value, "sd": sd, "verdict": str(fit.verdict),
+            "t": drive_fit.t_s, "took_s": drive_fit.took_s, "value": value, "sd": sd, "verdict": str(fit.verdict),
             "verdict_is": str(fit.verdict), "why": reason,
         }  # fmt: skip
 
@@ -295,5 +297,5 @@ def label_of(one: Free) -> Diagnostic:
     return note("known.label", meaning=one.of.meaning, entry=entry)
 
 
-def _rounded(sd: np.ndarray) -> list[float]:
+def _round(sd: np.ndarray) -> list[float]:
     return [float(f"{x:.4g}") for x in sd]

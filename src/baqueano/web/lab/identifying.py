@@ -141,14 +141,14 @@ class Identifying:
 def worded(reply: "JsonObject", language: str) -> "JsonObject":
     """Return what the worker says with its diagnostics as sentences of this language."""
     with within(language):
-        return {name: _worded(value, name) for name, value in reply.items()}
+        return {name: _in_words(value, name) for name, value in reply.items()}
 
 
-def _worded(value: Value, name: str) -> Value:
+def _in_words(value: Value, name: str) -> Value:
     if isinstance(value, dict):
         if "code" in value and "severity" in value:
             return text(Diagnostic.of_json(value))
-        return {key: _worded(one, key) for key, one in value.items()}
+        return {key: _in_words(item, key) for key, item in value.items()}
     if isinstance(value, list) and value and isinstance(value[0], dict):
-        return [_worded(one, "") for one in value]
+        return [_in_words(item, "") for item in value]
     return translated(value) if name == "verdict" and isinstance(value, str) else value

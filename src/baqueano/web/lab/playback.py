@@ -44,7 +44,7 @@ class RunPlayer:
         self._lab, self._pace = lab, pace
         self._waiting: asyncio.Queue[Path | Diagnostic | JsonObject | None] = asyncio.Queue()
         self._on_word: Callable[[JsonObject], None] = lambda word: None
-        self._paused, self._why = False, None
+        self._paused, self._stop_reason = False, None
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
         self._scene: JsonObject = {"screen": "drive"}  # that browsers show which have not chosen one
@@ -64,7 +64,7 @@ class RunPlayer:
         elif do in ("pause", "go"):
             self._paused = do == "pause"
         elif do in ("stop", "clear"):
-            self._why = words.get("why") if do == "stop" else None
+            self._stop_reason = words.get("why") if do == "stop" else None
         elif do in ("mission", "set", "shake"):
             raise UsageError(fault("web.playback"))
         self._tell()
@@ -73,13 +73,13 @@ class RunPlayer:
         """Play what is put here, one after the other, until the end."""
         self._on_word = on_word
         self._tell()
-        while (what := await self._waiting.get()) is not None:
-            if isinstance(what, Path):
-                await self._play(what)
-            elif isinstance(what, dict):
-                await self._show({"screen": "tuned", **what}, TUNED_S)
+        while (entry := await self._waiting.get()) is not None:
+            if isinstance(entry, Path):
+                await self._play(entry)
+            elif isinstance(entry, dict):
+                await self._show({"screen": "tuned", **entry}, TUNED_S)
             else:
-                on_word({"is": "event", "level": str(what.severity), "said": what})
+                on_word({"is": "event", "level": str(entry.severity), "said": entry})
 
     async def close(self) -> None:
         """Nothing is to be ended."""
@@ -93,12 +93,12 @@ class RunPlayer:
         self._on_word({"is": "route", "x": [], "y": []} | (about["route"] or {}))
         if not await self._somebody():
             return
-        events, shown, done_s, published_s = about["events"], 0, 0.0, float("-inf")
+        events, first_row, done_s, published_s = about["events"], 0, 0.0, float("-inf")
         before_s = begun_s = time.monotonic()
-        taught = about["kind"] == "experiment"
+        is_experiment = about["kind"] == "experiment"
         await self._show({"screen": "drive"})
-        while shown < about["rows"]:
-            frame = (await self._lab.ask("frame", path=str(path), number=0, first=shown, count=ROWS))[1]
+        while first_row < about["rows"]:
+            frame = (await self._lab.ask("frame", path=str(path), number=0, first=first_row, count=ROWS))[1]
             rows = list(rows_of(frame, len(names)))
             at = 0
             while at < len(rows):
@@ -106,7 +106,7 @@ class RunPlayer:
                 if not self.viewers():
                     return
                 now_s = time.monotonic()
-                paused = self._paused or self._why is not None
+                paused = self._paused or self._stop_reason is not None
                 done_s += 0.0 if paused else (now_s - before_s) * self._pace
                 before_s = now_s
                 due = at
@@ -117,8 +117,8 @@ class RunPlayer:
                 at = due
                 while events and events[0]["t"] <= done_s:
                     self._event(events.pop(0))
-                if taught and now_s - begun_s > LOOKS_S:
-                    taught = False
+                if is_experiment and now_s - begun_s > LOOKS_S:
+                    is_experiment = False
                     await self._show({"screen": "identify"})
                 if now_s - published_s >= TELL_S:
                     published_s = now_s
@@ -126,7 +126,7 @@ class RunPlayer:
                         "mission": about["kind"], "laps": None, "t_s": done_s, "left_s": about["seconds"] - done_s,
                     }  # fmt: skip
                     self._tell()
-            shown += len(rows)
+            first_row += len(rows)
         self._mission = {}
         self._tell()
         if about["kind"] == "experiment":
@@ -154,11 +154,17 @@ class RunPlayer:
             )
 
     def _tell(self) -> None:
-        state = "STOPPED" if self._why is not None else "MISSION" if self._mission else "READY"
+        state = "STOPPED" if self._stop_reason is not None else "MISSION" if self._mission else "READY"
         self._on_word(
-            {"is": "state", "state": state, "why": self._why, "pace": self._pace, "paused": self._paused}
+            {
+                "is": "state",
+                "state": state,
+                "why": self._stop_reason,
+                "pace": self._pace,
+                "paused": self._paused,
+            }
             | {"scene": self._scene}
-            | ({} if self._why is not None else self._mission)
+            | ({} if self._stop_reason is not None else self._mission)
         )
 
 
@@ -222,8 +228,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--pace", type=float, default=PACE)
     parser.add_argument("--no-browser", dest="browser", action="store_false")
-    given = parser.parse_args()
-    asyncio.run(play(given.folder, given.pace, given.browser))
+    arguments = parser.parse_args()
+    asyncio.run(play(arguments.folder, arguments.pace, arguments.browser))
 
 
 if __name__ == "__main__":

@@ -45,10 +45,10 @@ class Questions:
 
     def ask(self, visitor: Visitor, word: "JsonObject") -> None:
         """Answer a question when its worker can; the next word of this browser does not wait for that."""
-        what = str(word["what"])
-        if what not in self.words:
-            raise UsageError(fault("web.no-question", what=one_line(what)[:LONGEST_NAME]))
-        key = visitor, what
+        question = str(word["what"])
+        if question not in self.words:
+            raise UsageError(fault("web.no-question", what=one_line(question)[:LONGEST_NAME]))
+        key = visitor, question
         self._newest[key] = word.get("id")
         task = asyncio.create_task(self._answer(visitor, word))
         self._running.add(task)
@@ -75,9 +75,9 @@ class Questions:
         if visitor.open:
             visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
-    def _refusal(self, visitor: Visitor, why: Diagnostic) -> "JsonObject":
+    def _refusal(self, visitor: Visitor, reason: Diagnostic) -> "JsonObject":
         with within(visitor.language):
-            return {"no": text(why), "code": str(why.code)}
+            return {"no": text(reason), "code": str(reason.code)}
 
     def _is_newest(self, visitor: Visitor, word: "JsonObject") -> bool:
         return visitor.open and self._newest.get((visitor, word["what"])) == word.get("id")
@@ -112,24 +112,24 @@ class Questions:
         """A square of laps, row by row from below."""
         side = max(2, min(SIDE, int(word["side"])))
         at = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
-        given = {name: word[name] for name in ("gains", "a", "b")} | self._bench_word(word)
+        arguments = {name: word[name] for name in ("gains", "a", "b")} | self._bench_word(word)
         began, costs = time.monotonic(), []
         for first in range(0, len(at), PIECE):
             if not self._is_newest(visitor, word):
                 return {"stale": True}
-            reply, _ = await self._bench.ask("costs", at=at[first : first + PIECE], **given)
+            reply, _ = await self._bench.ask("costs", at=at[first : first + PIECE], **arguments)
             costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - began}
 
     async def _downhill(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        given = {name: word[name] for name in ("gains", "price")} | self._bench_word(word)
-        reply, _ = await self.slow.ask("downhill", **given)
+        arguments = {name: word[name] for name in ("gains", "price")} | self._bench_word(word)
+        reply, _ = await self.slow.ask("downhill", **arguments)
         return reply
 
     async def write(self, visitor: Visitor, word: "JsonObject") -> Diagnostic:
         """Write gains into the vehicle file of the page, and return that it is done."""
-        given = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
-        reply, _ = await self._bench.ask("write", **given)
+        arguments = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
+        reply, _ = await self._bench.ask("write", **arguments)
         return note("web.tuned", file=reply["file"])
 
     async def _block(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
@@ -139,7 +139,7 @@ class Questions:
     async def _check(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         reply, _ = await self.slow.ask("check", **self._block_word(word))
         with within(visitor.language):
-            return {"findings": [text(Diagnostic.of_json(one)) for one in reply["findings"]]}
+            return {"findings": [text(Diagnostic.of_json(finding)) for finding in reply["findings"]]}
 
     def _block_word(self, word: "JsonObject") -> "JsonObject":
         room = str(word["room"])[:LONGEST_NAME]
@@ -148,11 +148,11 @@ class Questions:
 
     async def _compare(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         paths = self._shelf.paths()
-        chosen = [paths[one] for one in list(word["runs"])[:COMPARED] if one in paths]
-        if not chosen:
+        run_paths = [paths[name] for name in list(word["runs"])[:COMPARED] if name in paths]
+        if not run_paths:
             raise UsageError(fault("web.no-run"))
         reply, _ = await self.slow.ask(
-            "compare", paths=[str(path) for path in chosen], language=visitor.language
+            "compare", paths=[str(path) for path in run_paths], language=visitor.language
         )
         return reply
 

@@ -136,8 +136,8 @@ def _readings(run: Run) -> dict[str, np.ndarray]:
         return columns | {"nis": np.full(n, np.nan)}
     columns |= {f"S.{name}": np.sqrt(np.maximum(S[:, k, k], 0.0)) for k, name in enumerate(names)}
     w = whitened(y, S)
-    arrived = np.sum(np.isfinite(w), axis=1)
-    return columns | {"nis": squared(w) / np.maximum(arrived, 1)}  # (3)
+    count = np.sum(np.isfinite(w), axis=1)
+    return columns | {"nis": squared(w) / np.maximum(count, 1)}  # (3)
 
 
 def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
@@ -148,8 +148,8 @@ def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
     if first in ("z", "model", "innov", "S"):
         return {"unit": _unit_of_reading(rest), "group": rest.partition("[")[0]}
     like = name.replace("truth.", "eta.").replace("ref.", "eta.") if name != "ref.u" else name
-    measured = {"progress": "m", "cross": "m"}
-    return {"unit": UNITS.get(like, measured.get(name, "")), "group": "route" if name in measured else first}
+    units = {"progress": "m", "cross": "m"}
+    return {"unit": UNITS.get(like, units.get(name, "")), "group": "route" if name in units else first}
 
 
 def _unit_of_reading(channel: str) -> str:
@@ -210,8 +210,8 @@ def _number(value: object) -> float:
 
 def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
     """Return the kind of each block by its room."""
-    named = {room: _table(data, room).get("kind", kind) for room, kind in kinds.items()}
-    return {room: str(kind) for room, kind in named.items()} | {
+    kind_of = {room: _table(data, room).get("kind", kind) for room, kind in kinds.items()}
+    return {room: str(kind) for room, kind in kind_of.items()} | {
         "model": str(_table(data, "model").get("kind", ""))
     }
 

@@ -24,7 +24,7 @@ class Shelf:
     worker of its own, so that a run opens meanwhile."""
 
     def __init__(self, folder: Path, beside: tuple[Path, ...] = ()) -> None:
-        self.folder, self._beside = folder, beside
+        self.folder, self._extra_runs = folder, beside
         self._key = secrets.token_bytes(32)
         self._lines: dict[str, JsonObject] = {}  # what is known of a run, by word
         self._press, self._pages = Lab(), TemporaryDirectory(prefix="baqueano-page-")
@@ -37,10 +37,10 @@ class Shelf:
 
     def paths(self) -> dict[str, Path]:
         """Return the runs that are there, newest first, by word. Links lead nowhere."""
-        listed = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
-        listed = [p.resolve() for p in listed if not p.name.startswith(".")]
-        listed.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-        files = dict.fromkeys([*self._beside, *listed[:NEWEST]])
+        candidates = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
+        candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]
+        candidates.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+        files = dict.fromkeys([*self._extra_runs, *candidates[:NEWEST]])
         return {self.word(path): path for path in files if path.is_file()}
 
     def runs(self) -> "list[JsonObject]":
@@ -62,19 +62,19 @@ class Shelf:
 
     async def body(self, path: str) -> Content | None:
         """Return what stands at /run/WORD or /report/WORD; None where nothing does."""
-        what, _, word = path.removeprefix("/").partition("/")
-        stored = self.paths().get(word) if what in ("run", "report") else None
-        if stored is None:
+        kind, _, word = path.removeprefix("/").partition("/")
+        run_path = self.paths().get(word) if kind in ("run", "report") else None
+        if run_path is None:
             return None
-        if what == "run":
+        if kind == "run":
             plain = (
-                "".join(c for c in stored.name if c.isascii() and (c.isalnum() or c in "._-")) or "run.mcap"
+                "".join(c for c in run_path.name if c.isascii() and (c.isalnum() or c in "._-")) or "run.mcap"
             )
-            return Content(TYPES[".mcap"], stored, download=plain)
-        page = Path(self._pages.name) / f"{word}-{stored.stat().st_mtime_ns}.html"
+            return Content(TYPES[".mcap"], run_path, download=plain)
+        page = Path(self._pages.name) / f"{word}-{run_path.stat().st_mtime_ns}.html"
         if not page.exists():
             try:
-                await self._press.ask("report", path=str(stored), to=str(page))
+                await self._press.ask("report", path=str(run_path), to=str(page))
             except BaqueanoError:
                 return None
         return Content(TYPES[".html"], page, REPORT_POLICY)

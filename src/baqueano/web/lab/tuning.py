@@ -37,7 +37,9 @@ class TuningBench:
     """Kernels by vehicle, route and controller."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[object, ...], tuple[VehicleFile, Route, SimulatedLaps]] = OrderedDict()
+        self._laps_cache: OrderedDict[tuple[object, ...], tuple[VehicleFile, Route, SimulatedLaps]] = (
+            OrderedDict()
+        )
 
     def begin(self, word: "JsonObject") -> "JsonObject":
         """Return the gains, their ranges, and the lap with those in force: {vehicle | path, routes, route, kind}."""
@@ -111,19 +113,19 @@ class TuningBench:
         values = file_values(block, laps.space.names, word.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
         file.with_values(values, dict.fromkeys(values, origin)).save()
-        self._kept.clear()
+        self._laps_cache.clear()
         return {"file": file.path.name}
 
     def _laps(self, word: "JsonObject") -> "tuple[VehicleFile, Route, SimulatedLaps]":
         key = (_stamp(word), word.get("route", ""), word.get("kind") or "")
-        if key not in self._kept:
+        if key not in self._laps_cache:
             file = file_of(word)
             route = _route(word)
-            self._kept[key] = file, route, simulated_laps(file, route, word.get("kind") or None)
-            while len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
+            self._laps_cache[key] = file, route, simulated_laps(file, route, word.get("kind") or None)
+            while len(self._laps_cache) > KEPT:
+                self._laps_cache.popitem(last=False)
+        self._laps_cache.move_to_end(key)
+        return self._laps_cache[key]
 
 
 def file_of(word: "JsonObject") -> "VehicleFile":
@@ -137,11 +139,11 @@ def file_of(word: "JsonObject") -> "VehicleFile":
 
 def route_names(word: "JsonObject") -> list[str]:
     """Return what can be followed: the route of the run, the stored ones, the shapes."""
-    stored = sorted(_stored(word))
-    return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *stored, *SHAPES]
+    names = sorted(_route_files(word))
+    return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *names, *SHAPES]
 
 
-def _stored(word: "JsonObject") -> dict[str, Path]:
+def _route_files(word: "JsonObject") -> dict[str, Path]:
     folder = word.get("routes")
     return {} if not folder else {path.stem: path for path in Path(folder).glob("*.csv")}
 
@@ -152,10 +154,10 @@ def _route(word: "JsonObject") -> "Route":
         return shape(name, SIZE_M, SPEED_M_S)
     if name == OF_RUN and "path" in word and (route := _of_run(word)) is not None:
         return route
-    stored = _stored(word)
-    if name not in stored:
+    route_files = _route_files(word)
+    if name not in route_files:
         raise FileError(fault("door.no-route", found=repr(name)[:80], known=route_names(word)))
-    return read_route(stored[name])
+    return read_route(route_files[name])
 
 
 def _of_run(word: "JsonObject") -> "Route | None":
@@ -188,13 +190,13 @@ def lap_picture(lap: "SimulatedLap") -> "JsonObject":
 def _meanings(block: object) -> "list[tuple[str, str]]":
     from baqueano.parameter import parameters
 
-    return [(name, one.meaning) for name, one in parameters(block)]
+    return [(name, parameter_.meaning) for name, parameter_ in parameters(block)]
 
 
-def _values(given: object, laps: SimulatedLaps) -> np.ndarray:
+def _values(numbers: object, laps: SimulatedLaps) -> np.ndarray:
     """Return gains (p,) within their bounds. UsageError for anything else."""
     try:
-        values = np.array(given, dtype=float)
+        values = np.array(numbers, dtype=float)
     except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
     if values.shape != laps.space.low.shape or not np.all(np.isfinite(values)):
@@ -209,5 +211,5 @@ def _finite(costs: np.ndarray) -> "list[list[float | None]]":
 def _stamp(word: "JsonObject") -> tuple[object, ...]:
     """Return what changes when the file of a vehicle or of a route does."""
     paths = [Path(str(word[name])) for name in ("vehicle", "path") if name in word]
-    paths += [path for name, path in _stored(word).items() if name == word.get("route")]
+    paths += [path for name, path in _route_files(word).items() if name == word.get("route")]
     return tuple((str(path), path.stat().st_mtime_ns if path.is_file() else 0) for path in paths)

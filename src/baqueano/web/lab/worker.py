@@ -36,7 +36,7 @@ class Worker:
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[str, int, str], PackedRun] = OrderedDict()
         self._lines: dict[tuple[str, int], JsonObject] = {}  # of the list
-        self._identified = Drives()
+        self._drives = Drives()
         self._bench: TuningBench | None = None
 
     def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
@@ -45,7 +45,7 @@ class Worker:
             "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
             "vehicle": _vehicle, "mission": _mission, "compare": _compare, "block": _block, "check": _block,
             **dict.fromkeys(("tune", "lap", "costs", "downhill", "write"), self._tune),
-            "identify": self._identified.answer, "identify run": self._identified.answer_run,
+            "identify": self._drives.answer, "identify run": self._drives.answer_run,
         }  # fmt: skip
         return words[word["do"]](word)
 
@@ -66,18 +66,18 @@ class Worker:
 
         paths = [find(name, word["folder"]) for name in word["names"]]
         for path in paths:
-            self._recorded(path)
+            self._recording(path)
         return {"paths": [str(path.resolve()) for path in paths]}, b""
 
     def _begin(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recorded(Path(word["path"]), word.get("filter") or "")
+        run = self._recording(Path(word["path"]), word.get("filter") or "")
         return run.around | {"fields": run.fields}, b""
 
     def _frame(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recorded(Path(word["path"]), word.get("filter") or "")
+        run = self._recording(Path(word["path"]), word.get("filter") or "")
         return {}, run.frame(word["number"], word["first"], word["count"])
 
-    def _recorded(self, path: Path, estimator: str = "") -> "PackedRun":
+    def _recording(self, path: Path, estimator: str = "") -> "PackedRun":
         """A run, read when it is asked for first or has changed; or its ticks through another estimator."""
         from baqueano.runs import read_run
         from baqueano.vehicle_file.build import DEFAULT_KIND
@@ -86,7 +86,7 @@ class Worker:
         key = (*_version(path), estimator)
         if key not in self._open:
             run = read_run(path)
-            self._open[key] = recorded(_refiltered(run, estimator) if estimator else run, DEFAULT_KIND)
+            self._open[key] = recorded(_refilter(run, estimator) if estimator else run, DEFAULT_KIND)
         self._open.move_to_end(key)
         while len(self._open) > KEPT:
             self._open.popitem(last=False)
@@ -118,7 +118,7 @@ class Worker:
         return {}, b""
 
 
-def _refiltered(run: "Run", estimator: str) -> "Run":
+def _refilter(run: "Run", estimator: str) -> "Run":
     """Return the ticks of a run through an estimator of ours, or of the folder in which the page was started."""
     from dataclasses import replace
 
@@ -130,8 +130,8 @@ def _refiltered(run: "Run", estimator: str) -> "Run":
     kinds = listed_kinds("estimator", file)
     if estimator not in kinds:
         raise UsageError(fault("web.no-kind", room="estimator", found=repr(estimator), known=kinds))
-    again = replay(run, file, estimator=estimator, backend="auto")
-    return replace(again, name=estimator, metadata=run.metadata | again.metadata | {"kind": "replay"})
+    replayed = replay(run, file, estimator=estimator, backend="auto")
+    return replace(replayed, name=estimator, metadata=run.metadata | replayed.metadata | {"kind": "replay"})
 
 
 def _block(word: "JsonObject") -> tuple["JsonObject", bytes]:
@@ -152,9 +152,9 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
     comparison = compare([read_run(Path(path)) for path in word["paths"]])
     with within(word["language"]):
         return {
-            "names": [one.name for one in comparison.runs], "sections": sections_of(comparison),
-            "sentences": [list(one.sentences) for one in comparison.runs],
-            "reasons": [text(one) for one in comparison.reasons],
+            "names": [run.name for run in comparison.runs], "sections": sections_of(comparison),
+            "sentences": [list(run.sentences) for run in comparison.runs],
+            "reasons": [text(reason) for reason in comparison.reasons],
         }, b""  # fmt: skip
 
 

@@ -66,7 +66,7 @@ class Shaking:
         self._moves = is_dynamic(vehicle)
         self._line = stream(seed, "shake.line")
         self._spikes = [stream(seed, f"shake.spikes.{name}") for name in self.names]
-        self._drawn: list[np.ndarray] = []
+        self._draws: list[np.ndarray] = []
 
     def check(self, one: Fault) -> Fault:
         """Return the fault. UsageError where this vehicle cannot have it."""
@@ -98,58 +98,60 @@ class Shaking:
     def inputs(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
         """Return the inputs of tick k, and whether the command of before it arrives."""
         chance, spikes = self._random(k)
-        active = [one for one in faults if self.first(one) <= k < self.last(one)]
+        active = [fault_ for fault_ in faults if self.first(fault_) <= k < self.last(fault_)]
         if not active:
             return self.calm.disturbance(), True
         d = self.calm.disturbance()
         keep, arrives, supply = [1.0] * len(self.names), True, 1.0
-        for one in active:
-            match one.kind:
+        for fault_ in active:
+            match fault_.kind:
                 case "push":
-                    ticks = self.last(one) - self.first(one)
-                    force = np.array([one.x, one.y]) * (self._rate_hz / (ticks * self._mass_kg))
-                    (d.push_map if one.frame == "map" else d.push_body)[:] += force
+                    ticks = self.last(fault_) - self.first(fault_)
+                    force = np.array([fault_.x, fault_.y]) * (self._rate_hz / (ticks * self._mass_kg))
+                    (d.push_map if fault_.frame == "map" else d.push_body)[:] += force
                 case "tilt":
-                    rise = hypot(one.x, one.y)
-                    d.slope[:] += np.array([one.x, one.y]) * (sin(rise) / rise if rise > 0.0 else 0.0)
+                    rise = hypot(fault_.x, fault_.y)
+                    d.slope[:] += np.array([fault_.x, fault_.y]) * (sin(rise) / rise if rise > 0.0 else 0.0)
                 case "cut":
-                    keep[self.names.index(one.of)] = 0.0
+                    keep[self.names.index(fault_.of)] = 0.0
                 case "drift":
-                    s, c = self._channel(one)
-                    age_s = (k - self.first(one)) / self._rate_hz
-                    d.sensors[s].offset[c] += one.size * min(1.0, age_s / DRIFT_S)
+                    s, c = self._channel(fault_)
+                    age_s = (k - self.first(fault_)) / self._rate_hz
+                    d.sensors[s].offset[c] += fault_.size * min(1.0, age_s / DRIFT_S)
                 case "spikes":
-                    s, c = self._channel(one)
+                    s, c = self._channel(fault_)
                     hit, side = spikes[s][c]
-                    d.sensors[s].offset[c] += (one.size if side < 0.5 else -one.size) * (hit < one.part)
+                    d.sensors[s].offset[c] += (fault_.size if side < 0.5 else -fault_.size) * (
+                        hit < fault_.part
+                    )
                 case "slip":
-                    self._slip(d, one)
+                    self._slip(d, fault_)
                 case "sag":
-                    supply *= one.part
+                    supply *= fault_.part
                 case "lose":
-                    arrives = arrives and bool(chance[0] >= one.part)
-                    keep = [0.0 if chance[1 + s] < one.part else x for s, x in enumerate(keep)]
-        sensors = tuple(one._replace(keep=x) for one, x in zip(d.sensors, keep, strict=True))
+                    arrives = arrives and bool(chance[0] >= fault_.part)
+                    keep = [0.0 if chance[1 + s] < fault_.part else x for s, x in enumerate(keep)]
+        sensors = tuple(sensor._replace(keep=x) for sensor, x in zip(d.sensors, keep, strict=True))
         return d._replace(supply=supply, sensors=sensors), arrives
 
-    def _slip(self, d: Disturbance, one: Fault) -> None:
-        wheels = {"all": slice(None), "left": slice(0, 1), "right": slice(1, 2)}[one.of]
-        d.grip[: self._motors][wheels] *= one.part
+    def _slip(self, d: Disturbance, fault_: Fault) -> None:
+        wheels = {"all": slice(None), "left": slice(0, 1), "right": slice(1, 2)}[fault_.of]
+        d.grip[: self._motors][wheels] *= fault_.part
         for sensor, block in zip(d.sensors, self._sensors, strict=True):
             if of(block, "reads") in WHEEL_SENSORS:
                 sensor.factor[wheels] *= AHEAD
             elif of(block, "reads") == "odometer":
                 sensor.factor[:] *= AHEAD
 
-    def _channel(self, one: Fault) -> tuple[int, int]:
-        name, _, rest = one.of.partition("[")
+    def _channel(self, fault_: Fault) -> tuple[int, int]:
+        name, _, rest = fault_.of.partition("[")
         return self.names.index(name), int(rest[:-1])
 
     def _random(self, k: int) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return the uniform numbers of tick k: (1 + sensors,) of the line, (m, 2) of the spikes of each sensor."""
         if k % BATCH == 0:
-            self._drawn = [self._line.random((BATCH, 1 + len(self.names)))]
+            self._draws = [self._line.random((BATCH, 1 + len(self.names)))]
             pairs = zip(self._spikes, self.calm.sizes, strict=True)
-            self._drawn += [generator.random((BATCH, m, 2)) for generator, m in pairs]
+            self._draws += [generator.random((BATCH, m, 2)) for generator, m in pairs]
         row = k % BATCH
-        return self._drawn[0][row], [drawn[row] for drawn in self._drawn[1:]]
+        return self._draws[0][row], [draw[row] for draw in self._draws[1:]]

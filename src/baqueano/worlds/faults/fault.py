@@ -128,7 +128,7 @@ class Fault:
     @classmethod
     def of_diagnostic(cls, message: Diagnostic) -> Self:
         """Return the fault that a message shows."""
-        return cls(**{one.name: message.figures[one.name] for one in fields(cls)})
+        return cls(**{field.name: message.figures[field.name] for field in fields(cls)})
 
     @classmethod
     def of_words(cls, words: FaultLike) -> Self:
@@ -139,16 +139,16 @@ class Fault:
             return words
         if isinstance(words, str):
             return cls(**fields_of(words))
-        names = [one.name for one in fields(cls)]
+        names = [field.name for field in fields(cls)]
         if not isinstance(words, Mapping) or "kind" not in words or not set(words) <= set(names):
             raise UsageError(fault("shake.fields", found=repr(words)[:120], known=names))
-        named: JsonObject = dict(words)
+        values: JsonObject = dict(words)
         for name, value in words.items():
             if isinstance(value, int) and not isinstance(value, bool):
-                named[name] = float(value)
+                values[name] = float(value)
         for name in ("kind", "of", "frame"):
-            named[name] = str(words.get(name, "body" if name == "frame" else ""))
-        return cls(**named)
+            values[name] = str(words.get(name, "body" if name == "frame" else ""))
+        return cls(**values)
 
 
 def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:

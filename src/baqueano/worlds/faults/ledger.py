@@ -66,7 +66,9 @@ class LedgerRow:
 
     def silent(self) -> tuple[str, ...]:
         """Return the witnesses that did not notice it."""
-        return tuple(who for who in WITNESSES if who not in [one.who for one in self.noticed])
+        return tuple(
+            witness for witness in WITNESSES if witness not in [notice.who for notice in self.noticed]
+        )
 
 
 class Ledger:
@@ -93,14 +95,14 @@ class Ledger:
         sensors, self._estimator = file.sensors, estimator or file.estimator()
         self._sensors = sensors
         self._reads = {name: optional.of(getattr(sensors, name), "reads") for name in sensors._fields}
-        self._sees_pose = any(tells_pose(one) for one in sensors)
-        self._used: set[str] | None = None  # channels, once an innovation was seen; None: not known
+        self._sees_pose = any(tells_pose(sensor) for sensor in sensors)
+        self._used_channels: set[str] | None = None  # channels, once an innovation was seen; None: not known
         self.rows: list[LedgerRow] = []
         self.now_s = 0.0
         self._window: deque[tuple[float, float, int]] = deque()
         self._sum, self._count = 0.0, 0
         self._before: deque[tuple[float, float]] = deque()  # means of the windows, each WINDOW_S
-        self._refused: deque[float] = deque()
+        self._refusals_s: deque[float] = deque()
 
     def happened(self, t_ns: int, source: str, what: "Diagnostic | str") -> None:
         """Take an event of the run."""
@@ -108,9 +110,9 @@ class Ledger:
             return
         t_s = seconds(t_ns)
         if source == SOURCE:
-            self._shaken(what)
-        elif (who := OF_SOURCE.get(source)) is not None and what.code != "sensor.agrees-again":
-            self._noticed(who, t_s, what)
+            self._take_fault(what)
+        elif (witness := OF_SOURCE.get(source)) is not None and what.code != "sensor.agrees-again":
+            self._add_notice(witness, t_s, what)
 
     def look(
         self, t_ns: int, y: np.ndarray | None, S: np.ndarray | None, weight: np.ndarray | None,
@@ -142,48 +144,50 @@ class Ledger:
         """Return what keeps the witnesses from noticing a fault of this kind, with these sensors."""
         wheels = any(reads in WHEELS for reads in self._reads.values())
         code = one.kind
-        if self._used is not None and one.kind in OF_CHANNEL and one.of not in self._used:
+        if self._used_channels is not None and one.kind in OF_CHANNEL and one.of not in self._used_channels:
             return note("ledger.why-unused", subject=one.of)
         if one.kind == "slip" and wheels:
             code = "slip-wheels"
         if one.kind == "tilt" and self._sees_pose:
             code = "tilt-pose"
         if one.kind == "drift":
-            others = [name for name in self._reads if name != one.of.partition("[")[0]]
-            code = "drift-others" if others else "drift"
+            other_sensors = [name for name in self._reads if name != one.of.partition("[")[0]]
+            code = "drift-others" if other_sensors else "drift"
         return note(f"ledger.why-{code}", subject=one.of or one.kind)
 
-    def _shaken(self, what: Diagnostic) -> None:
-        number = int(what.figures["number"])
-        if what.code == "shake.over":
+    def _take_fault(self, message: Diagnostic) -> None:
+        number = int(message.figures["number"])
+        if message.code == "shake.over":
             row = next(row for row in self.rows if row.number == number)
-            row.until_s = row.fault.at_s + float(what.figures["for_s"])
+            row.until_s = row.fault.at_s + float(message.figures["for_s"])
             return
-        one = Fault.of_diagnostic(what)
-        self._before = deque(pair for pair in self._before if pair[0] >= one.at_s - BEFORE_S)
-        self.rows.append(LedgerRow(number, one, what, one.until_s))
+        fault_ = Fault.of_diagnostic(message)
+        self._before = deque(pair for pair in self._before if pair[0] >= fault_.at_s - BEFORE_S)
+        self.rows.append(LedgerRow(number, fault_, message, fault_.until_s))
         self._window.clear()  # what an earlier fault left there is not of this one
-        self._refused.clear()
+        self._refusals_s.clear()
         self._sum, self._count = 0.0, 0
 
-    def _noticed(self, who: str, t_s: float, message: Diagnostic) -> None:
-        watched = [row for row in self.rows if row.watched(t_s)]
-        if not watched:
+    def _add_notice(self, witness: str, t_s: float, message: Diagnostic) -> None:
+        watched_rows = [row for row in self.rows if row.watched(t_s)]
+        if not watched_rows:
             return
         name = message.subject.partition("[")[0]
-        own = [row for row in watched if row.fault.kind in (*OF_CHANNEL, *OF_SENSOR)
+        own = [row for row in watched_rows if row.fault.kind in (*OF_CHANNEL, *OF_SENSOR)
                and row.fault.of.partition("[")[0] == name]  # fmt: skip
-        row = (own if who == "monitor" and own else watched)[-1]
-        if who not in [one.who for one in row.noticed]:
-            row.noticed.append(LedgerNotice(who, t_s - row.fault.at_s, message))
+        row = (own if witness == "monitor" and own else watched_rows)[-1]
+        if witness not in [notice.who for notice in row.noticed]:
+            row.noticed.append(LedgerNotice(witness, t_s - row.fault.at_s, message))
 
     def _gate(self, t_s: float, weight: np.ndarray) -> None:
-        refused = int(np.sum(weight < 0.5))
-        self._refused.extend([t_s] * refused)
-        while self._refused and t_s - self._refused[0] > WINDOW_S:
-            self._refused.popleft()
-        if refused and len(self._refused) >= GATED:
-            self._noticed("gate", t_s, note("ledger.gate", refused=len(self._refused), within_s=WINDOW_S))
+        refusals = int(np.sum(weight < 0.5))
+        self._refusals_s.extend([t_s] * refusals)
+        while self._refusals_s and t_s - self._refusals_s[0] > WINDOW_S:
+            self._refusals_s.popleft()
+        if refusals and len(self._refusals_s) >= GATED:
+            self._add_notice(
+                "gate", t_s, note("ledger.gate", refused=len(self._refusals_s), within_s=WINDOW_S)
+            )
 
     def _channels(self, m: int) -> set[str] | None:
         """Return the channels of m innovations; None where that is not known."""
@@ -193,16 +197,16 @@ class Ledger:
 
     def _square(self, t_s: float, y: np.ndarray | None, S: np.ndarray | None) -> None:
         """Add the innovations of a tick to the window, and judge it.  (1)"""
-        if y is not None and self._used is None and self._count == 0:
-            self._used = self._channels(len(y))
-        if y is not None and S is not None and (there := np.isfinite(y)).any():
-            part = y[there]
+        if y is not None and self._used_channels is None and self._count == 0:
+            self._used_channels = self._channels(len(y))
+        if y is not None and S is not None and (finite := np.isfinite(y)).any():
+            part = y[finite]
             try:
-                square = float(part @ np.linalg.solve(S[np.ix_(there, there)], part))
+                square = float(part @ np.linalg.solve(S[np.ix_(finite, finite)], part))
             except np.linalg.LinAlgError:
                 return
-            self._window.append((t_s, square, int(there.sum())))
-            self._sum, self._count = self._sum + square, self._count + int(there.sum())
+            self._window.append((t_s, square, int(finite.sum())))
+            self._sum, self._count = self._sum + square, self._count + int(finite.sum())
         while self._window and t_s - self._window[0][0] > WINDOW_S:
             _, square, m = self._window.popleft()
             self._sum, self._count = self._sum - square, self._count - m
@@ -218,7 +222,7 @@ class Ledger:
             by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
             most = max(by_chance, RATIO * float(np.mean(usual)) if usual else 0.0)
             if mean > most:
-                self._noticed("nis", t_s, note("ledger.nis", nis=mean, most=most, window_s=WINDOW_S))
+                self._add_notice("nis", t_s, note("ledger.nis", nis=mean, most=most, window_s=WINDOW_S))
 
 
 def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
@@ -245,7 +249,7 @@ def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
     []
     """
     ledger, log, truth = Ledger(file), run.estimate, run.truth
-    events = sorted(run.events, key=lambda one: one.t_ns)
+    events = sorted(run.events, key=lambda event: event.t_ns)
     at = 0
     for k, t_ns in enumerate([] if log is None else log.t_ns):
         while at < len(events) and events[at].t_ns <= t_ns:
@@ -254,8 +258,8 @@ def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
         assert log is not None
         y = None if log.innovation is None else log.innovation[k]
         S = None if log.innovation_cov is None else log.innovation_cov[k]
-        there = None if truth is None or k >= len(truth.eta) else truth.eta[k]
-        ledger.look(int(t_ns), y, S, None, log.eta[k], log.cov[k], there)
-    for one in events[at:]:
-        ledger.happened(one.t_ns, one.source, one.diagnostic or "")
+        true_pose = None if truth is None or k >= len(truth.eta) else truth.eta[k]
+        ledger.look(int(t_ns), y, S, None, log.eta[k], log.cov[k], true_pose)
+    for event in events[at:]:
+        ledger.happened(event.t_ns, event.source, event.diagnostic or "")
     return ledger

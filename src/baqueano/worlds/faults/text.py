@@ -39,7 +39,7 @@ def fields_of(words: str) -> JsonObject:
     when = WHEN.fullmatch(words)
     form, example = FORMS.get(when[3] if when else "", (None, ""))
     if when is None or form is None:
-        forms = ", ".join(f'"{kind} {one}"' for kind, (_, one) in FORMS.items())
+        forms = ", ".join(f'"{kind} {form}"' for kind, (_, form) in FORMS.items())
         raise UsageError(fault("shake.words", found=repr(words)[:80], known=forms))
     match = form.fullmatch(when[4])
     if match is None:
