@@ -129,27 +129,29 @@ def covered(case: str, seeds: range, duration_s: float) -> str:
         errors.append(np.where(inside, fit.estimate - truth, np.nan))
         sds.append(np.where(inside, fit.sd, np.nan))
         truths.append(truth)
-    seen = np.isfinite(errors).sum(axis=0) > 1
-    e, sd, truth = (np.array(x)[:, seen] for x in (errors, sds, truths))
+    finite = np.isfinite(errors).sum(axis=0) > 1
+    e, sd, truth = (np.array(x)[:, finite] for x in (errors, sds, truths))
     holds = float(np.nanmean(np.where(np.isnan(e), np.nan, np.abs(e) <= 1.96 * sd)))
     z = np.sqrt(np.nanmean((e / sd) ** 2, axis=0))
     drawn = np.nanmax(np.abs(np.nanmean(e, axis=0)) / np.nanstd(e, axis=0))
-    known = np.all(truth != 0.0, axis=0)
-    part = np.median(np.nanmedian(sd[:, known] / np.abs(truth[:, known]), axis=0))
+    nonzero = np.all(truth != 0.0, axis=0)
+    part = np.median(np.nanmedian(sd[:, nonzero] / np.abs(truth[:, nonzero]), axis=0))
     figures = f"{np.median(z):8.2f} {z.max():8.2f} {drawn:8.2f} {part:8.2%}"
     return f"{case:20} {holds:8.1%} {figures} {np.isfinite(e).sum():6d}"
 
 
 def main() -> None:
     """Prints the table."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("--seeds", type=int, default=10)
-    asked.add_argument("--first", type=int, default=0)
-    asked.add_argument("--case", choices=CASES)
-    asked.add_argument(
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--case", choices=CASES)
+    parser.add_argument(
         "--smallest", action="store_true", help="two short drives of a few cases: that it runs"
     )
-    options = asked.parse_args()
+    options = parser.parse_args()
     count, duration_s = (2, SMALLEST_S) if options.smallest else (options.seeds, SECONDS)
     cases = CASES[::4] if options.smallest else CASES
     heads = ("holds", "error/sd", "largest", "drawn", "sd")

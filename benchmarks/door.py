@@ -38,8 +38,8 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the door", "it is a socket of Unix")]
     with before_others() as share, served(2 if smallest else RUNS) as (service, guest, door):
-        found = _stops(guest, door, 1 if smallest else 20, share)
-        return [*found, _memory(service, guest, door, 0.5 if smallest else 10.0)]
+        stops = _stops(guest, door, 1 if smallest else 20, share)
+        return [*stops, _memory(service, guest, door, 0.5 if smallest else 10.0)]
 
 
 @contextmanager
@@ -59,8 +59,8 @@ class Times(NamedTuple):
 
     quiet: list[float]
     flooded: list[float]
-    told: list[list[float]]
-    told_flooded: list[list[float]]
+    messages: list[list[float]]
+    messages_flooded: list[list[float]]
 
 
 def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
@@ -68,19 +68,21 @@ def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
     times = Times([], [], [], [])
     for _ in range(rounds):
         guest.begin()
-        times.told.append(guest.told_ms(0.5))
+        times.messages.append(guest.message_delays_ms(0.5))
         times.quiet.append(guest.stop())
         guest.begin()
         with flooded(door, FLOODING):
-            times.told_flooded.append(guest.told_ms(0.5))
+            times.messages_flooded.append(guest.message_delays_ms(0.5))
             times.flooded.append(guest.stop())
     return times
 
 
 def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench | LeftOut]:
     times = in_turn(guest, door, rounds)
-    told, besides = [[x for one in rows for x in one] for rows in (times.told, times.told_flooded)]
-    most, late = quantile(times.flooded, 0.95), quantile(told, 0.95)
+    times_ms, besides = [
+        [x for one in rows for x in one] for rows in (times.messages, times.messages_flooded)
+    ]
+    most, late = quantile(times.flooded, 0.95), quantile(times_ms, 0.95)
     first = f"{'with' if guest.first else 'without'} SCHED_FIFO, {share}"
     stops = (
         Row("nobody else is there", 1e-3 * median(times.quiet), 1.0,
@@ -92,9 +94,9 @@ def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench 
         ),
     )  # fmt: skip
     tellings = (
-        Row("nobody else is there", 1e-3 * median(told), 1.0, missed=late > MOST_TOLD_MS,
-            note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(told)}"),
-        Row(f"{FLOODING} guests flood", 1e-3 * median(besides), median(besides) / median(told),
+        Row("nobody else is there", 1e-3 * median(times_ms), 1.0, missed=late > MOST_TOLD_MS,
+            note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(times_ms)}"),
+        Row(f"{FLOODING} guests flood", 1e-3 * median(besides), median(besides) / median(times_ms),
             note=f"p95 {quantile(besides, 0.95):.2f} ms of {len(besides)}"),
     )  # fmt: skip
     names = "from a STOP to the zero command", "from the loop's word to who listens"
@@ -116,7 +118,7 @@ def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tupl
     before = resident_mb(service)
     forget_most(service)
     with flooded(door, MANY):
-        guest.told_ms(seconds)
+        guest.message_delays_ms(seconds)
     guest.stop()
     return before, resident_mb(service, most=True) - before
 
@@ -154,15 +156,15 @@ class Teacher:
         self._say(do="mission", door=VERSION, mission=self._mission, attended=False)
         self._hear("tick")
 
-    def told_ms(self, seconds: float) -> list[float]:
+    def message_delays_ms(self, seconds: float) -> list[float]:
         """Return how late each word of the loop came in the next seconds."""
-        begun_ns, found = time.monotonic_ns(), []
+        begun_ns, times_ms = time.monotonic_ns(), []
         while time.monotonic_ns() < begun_ns + 1e9 * seconds:
             word = self._hear("tick")
             self.first = word["first"]
             if word["t_ns"] > begun_ns:  # those of before have waited here
-                found.append(1e-6 * (time.monotonic_ns() - word["t_ns"]))
-        return found
+                times_ms.append(1e-6 * (time.monotonic_ns() - word["t_ns"]))
+        return times_ms
 
     def stop(self) -> float:
         """Return the time from a STOP to the first command that is zero [ms]."""

@@ -70,18 +70,18 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
     took = time.perf_counter() - began
     calls = theirs.nfev + 15 * theirs.njev
     theirs_s = calls * timed(lambda: loop(first)) if extrapolated else took
-    found = _fitted(run)
-    cost = [float(np.sum(_huber(compiled(theta)))) for theta in (found.estimate, theirs.x)]
+    fit = _fitted(run)
+    cost = [float(np.sum(_huber(compiled(theta)))) for theta in (fit.estimate, theirs.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
     mine, named = "identify()", "SciPy least_squares, Huber, NumPy loop"
     how = (
         f"{calls} simulations, {'extrapolated from one' if extrapolated else 'one round'}; cost {cost[1]:.6g}"
     )
-    notes = {named: how, mine: f"cost {cost[0]:.6g}, {found.evaluations} evaluations"}
+    notes = {named: how, mine: f"cost {cost[0]:.6g}, {fit.evaluations} evaluations"}
     cases = [Case(mine, lambda: _fitted(run, True)), Case("without doubts", lambda: _fitted(run))]
     if find_spec("jax") is not None:
-        _, in_jax = _in_jax(u, z, found.estimate, found.sd)
+        _, in_jax = _in_jax(u, z, fit.estimate, fit.sd)
         cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))
     seconds = interleaved(cases)
     rows = [row(case.name, s, seconds[0], {}, notes) for case, s in zip(cases, seconds, strict=True)]
@@ -100,9 +100,9 @@ def against_jax(duration_s: float) -> Bench:
             first, low, np.full(15, np.inf), tolerance=FINE,
         )  # fmt: skip
 
-    found = ours()
-    search, _ = _in_jax(u, z, found.theta, None)
-    title = f"{_title(duration_s)}: the search alone, {found.evaluations} evaluations"
+    fit = ours()
+    search, _ = _in_jax(u, z, fit.theta, None)
+    title = f"{_title(duration_s)}: the search alone, {fit.evaluations} evaluations"
     cases = [Case("our kernel", ours), Case("JAX", lambda: search(first))]
     return measured(title, cases, {"JAX": 8.0}, {"JAX": "compiling is not counted"})
 
@@ -115,8 +115,8 @@ def _in_jax(
 
     truth, m, I = peers.parameters()
     search, fit = jax_peer.of(u, z, SIGMA, m, I)
-    found, errors = fit(0.5 * truth)
-    np.testing.assert_allclose(found.theta, estimate, atol=1e-3 * np.min(errors))
+    fit_result, errors = fit(0.5 * truth)
+    np.testing.assert_allclose(fit_result.theta, estimate, atol=1e-3 * np.min(errors))
     if sd is not None:
         np.testing.assert_allclose(errors, sd, rtol=1e-4)
     return search, fit

@@ -97,10 +97,10 @@ def recoveries(moments: int) -> None:
     samples, _, _ = drive(b, device, 1.0)
     print(f"three failed calls: samples again after {(samples[0][0] - began) / 1e6:.0f} ms")
     b, device = bench()
-    began, b.bus.held = b.clock.now, True
+    began, b.bus.sda_low = b.clock.now, True
     _, events, longest = drive(b, device, 3.0)
     events_text = ", ".join(f"{e.message.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
-    began, b.bus.held = b.clock.now, False
+    began, b.bus.sda_low = b.clock.now, False
     samples, _, _ = drive(b, device, 1.0)
     print(
         f"bus held: longest call {longest / 1e6:.1f} ms; {events_text}; freed, "
@@ -135,9 +135,11 @@ def stamps(duration_s: float) -> None:
 
 def main() -> None:
     """Print what it costs, how near its stamps are, and what faults cost."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("--smallest", action="store_true", help="few calls and moments: that it runs")
-    calls, moments, stamps_s = (100, 2, 4.0) if asked.parse_args().smallest else (CALLS, MOMENTS, STAMPS_S)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--smallest", action="store_true", help="few calls and moments: that it runs")
+    calls, moments, stamps_s = (100, 2, 4.0) if parser.parse_args().smallest else (CALLS, MOMENTS, STAMPS_S)
     for mode in ("fifo", "burst"):
         us = cost(mode, calls)
         print(f"{mode}: CPU of a call, median {us[calls // 2]:.0f} µs, 99 % {us[calls * 99 // 100]:.0f} µs")

@@ -106,7 +106,7 @@ def kalman(joseph: bool):
         return x + peers.DT * peers.right_hand_side(x, u, THETA, MASS, INERTIA)
 
     def h(x, u):
-        return felt(THETA, x, u)
+        return imu_reading(THETA, x, u)
 
     def step(belief, tick):
         (x, P), (u, z) = belief, tick
@@ -122,7 +122,7 @@ def kalman(joseph: bool):
     return step
 
 
-def felt(theta, x, u):
+def imu_reading(theta, x, u):
     """(3,) what an IMU shows: ν̇ − the centripetal part, and ν_ψ."""
     nu_dot = peers.right_hand_side(x, u, theta, MASS, INERTIA)[3:]
     return np.array([nu_dot[0] - x[5] * x[4], nu_dot[1] + x[5] * x[3], x[5]])
@@ -141,10 +141,12 @@ def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
             (lambda p, x, row: late(p, x, np.concatenate(row)), parts(rows[0])),
         )
     )
-    found = ours.normal_equations(rows, MOTORS, BEND)
-    np.testing.assert_allclose(found.cost, cost[0], rtol=1e-11)
-    np.testing.assert_allclose(found.gradient, gradient, rtol=1e-9)
-    np.testing.assert_allclose(np.triu(found.hessian), np.triu(hessian), rtol=1e-9, atol=1e-9 * hessian.max())
+    equations = ours.normal_equations(rows, MOTORS, BEND)
+    np.testing.assert_allclose(equations.cost, cost[0], rtol=1e-11)
+    np.testing.assert_allclose(equations.gradient, gradient, rtol=1e-9)
+    np.testing.assert_allclose(
+        np.triu(equations.hessian), np.triu(hessian), rtol=1e-9, atol=1e-9 * hessian.max()
+    )
     cases = [
         Case("scan", lambda: ours.normal_equations(rows, MOTORS, BEND)),
         *by_hand,

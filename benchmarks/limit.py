@@ -71,7 +71,7 @@ def cases() -> list[Case]:
         (EXACT, replace(ODOMETER, scale_std=0.0), "sensors exact"),
         (IMU, ODOMETER, "with bias, scale"),
     )
-    for imu, odometer, said in (exact, errors):
+    for imu, odometer, limit_of in (exact, errors):
         for use, trusted in (
             (IMU_ALONE, ()),
             (IMU_ALONE, ACCELEROMETERS),
@@ -80,7 +80,7 @@ def cases() -> list[Case]:
         ):
             sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
             block = AugmentedEkf(VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0)
-            name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {said}"
+            name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {limit_of}"
             made.append(Case(name, block, assumed_by(block, imu)))
     return made
 
@@ -95,7 +95,7 @@ def simulated(assumed: matched.Assumed, drives: int, seconds: float, seed: int =
     return matched.driven(assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
 
 
-def found(case: Case, made: matched.Drives) -> Found:
+def accuracy(case: Case, made: matched.Drives) -> Found:
     """Filter and compare."""
     n, drives = made.x.shape[:2]
     bound = matched.bound(case.assumed, made, 2 + 1 + (case.block.use == BOTH))
@@ -134,8 +134,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--plot", type=Path, help="a file for the curves, .svg or .png")
     parser.add_argument("--smallest", action="store_true", help="a size that shows in seconds that it runs")
-    asked = parser.parse_args()
-    drives, seconds = (4, 2.0) if asked.smallest else (asked.drives, asked.seconds)
+    args = parser.parse_args()
+    drives, seconds = (4, 2.0) if args.smallest else (args.drives, args.seconds)
     print(
         f"{drives} drives of {seconds:g} s of the matched model; 1 is right, in brackets the share of ticks in band"
     )
@@ -143,7 +143,7 @@ def main() -> None:
     for case in cases():
         if assumed is None or made is None or not all(map(np.array_equal, assumed, case.assumed)):
             assumed, made = case.assumed, simulated(case.assumed, drives, seconds)
-        one = found(case, made)
+        one = accuracy(case, made)
         all_found.append(one)
         words = [
             f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < one.width[name]):.0%})"
@@ -152,8 +152,8 @@ def main() -> None:
         ours, least = one.speed
         words.append(f"speed {1e3 * ours:.2f} mm/s = {ours / least:.2f} × the bound")
         print(f"{one.name:74}  {', '.join(words)}", flush=True)
-    if asked.plot:
-        _drawn(all_found).savefig(asked.plot)
+    if args.plot:
+        _drawn(all_found).savefig(args.plot)
 
 
 def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.Assumed:

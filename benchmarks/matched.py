@@ -95,20 +95,20 @@ def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
 
 def bound(assumed: Assumed, drives: Drives, m: int) -> np.ndarray:
     """Variances (N, 3) that no estimator of ν as it is shown can go below, by the first m readings.  (4)"""
-    known = [
+    indices = [
         k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
     ]  # a bias without error is a constant
-    at = [INNER[k] for k in known]
+    at = [INNER[k] for k in indices]
     sd = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
     sd[3:5] = assumed.disturbance
-    J, out, before = np.diag(1.0 / sd[known] ** 2), np.empty((len(drives.u), 3)), None
+    J, out, before = np.diag(1.0 / sd[indices] ** 2), np.empty((len(drives.u), 3)), None
     noise = np.concatenate(
         [assumed.walk**2, 2.0 * assumed.disturbance**2 / assumed.fade_s, assumed.bias_walk**2]
     )
     for k, (row, x) in enumerate(zip(drives.u, drives.x, strict=True)):
         before = x if before is None else before
         F, Q = _transition(before, noise, assumed.fade_s)
-        F, W = F[:, known][:, :, known], np.linalg.inv(Q[:, known][:, :, known])
+        F, W = F[:, indices][:, :, indices], np.linalg.inv(Q[:, indices][:, :, indices])
         WF = W @ F
         D11, D12, D22 = np.mean(np.swapaxes(F, 1, 2) @ WF, axis=0), np.mean(WF, axis=0), np.mean(W, axis=0)
         H = _slopes(x, row)[:, :m, at]

@@ -112,11 +112,11 @@ def loading_s(times: int) -> float:
         "[importlib.import_module(name) for name in o.REST]; print(time.process_time() - t)"
     )
     environment = {**os.environ, **AS_INSTALLED}
-    said = [
+    processes = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=environment)
         for _ in range(times)
     ]
-    return min(float(one.stdout) for one in said)
+    return min(float(one.stdout) for one in processes)
 
 
 def started(built: Any) -> tuple[float, float]:

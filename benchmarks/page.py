@@ -42,13 +42,13 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
         page, port = open_things.enter_context(_page(folder, door))
         guest = open_things.enter_context(_Guest(door))
         rounds, seconds = (1, 0.5) if smallest else (6, 4.0)
-        found: list[Bench | LeftOut] = [
+        benches_of_room: list[Bench | LeftOut] = [
             asyncio.run(_viewers(page, port, rounds, seconds)),
             asyncio.run(_history(service, guest, port, rounds, seconds)),
             asyncio.run(_stalled(service, page, guest, port, rounds, seconds)),
         ]
         guest.say("end")
-        return [*found, *_browser(smallest)]
+        return [*benches_of_room, *_browser(smallest)]
 
 
 async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
@@ -231,10 +231,10 @@ class _Guest:
 
     def late_ms(self, seconds: float) -> list[float]:
         """Return how late each tick of the next seconds began."""
-        end, found = time.monotonic() + seconds, []
+        end, times_ms = time.monotonic() + seconds, []
         for rows in self._frames(end):
-            found += [row[self._at["late_ms"]] for row in rows]
-        return found
+            times_ms += [row[self._at["late_ms"]] for row in rows]
+        return times_ms
 
     def offset_s(self, seconds: float) -> float:
         """Return the time of the wall at 0 s of the drive: that of the frame that came soonest."""
@@ -291,8 +291,8 @@ def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
         assert program.stderr is not None
         try:
-            found = next(m for line in program.stderr if (m := re.search(r"127\.0\.0\.1:(\d+)/", line)))
-            yield program.pid, int(found[1])
+            match = next(m for line in program.stderr if (m := re.search(r"127\.0\.0\.1:(\d+)/", line)))
+            yield program.pid, int(match[1])
         finally:
             program.send_signal(signal.SIGTERM)
 

@@ -163,6 +163,6 @@ def driven_many(gains, start, route_t, route_eta, limit, theta, m, I, ticks, wei
         e_x = np.cos(x[2]) * d[0] + np.sin(x[2]) * d[1]
         change = 0.0 if last is None else ((d[2] - last + np.pi) % (2.0 * np.pi) - np.pi) / DT
         last = d[2]
-        wanted = np.stack([k_x * e_x, np.zeros_like(e_x), k_psi * d[2] + k_rate * change])
-        u = np.clip(wanted, -limit[:, None], limit[:, None])
+        command = np.stack([k_x * e_x, np.zeros_like(e_x), k_psi * d[2] + k_rate * change])
+        u = np.clip(command, -limit[:, None], limit[:, None])
     return cost

@@ -54,9 +54,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--smallest", action="store_true")
     parser.add_argument("--jerk", type=float, default=0.1, help="price of jerks; 0: the paper's cost")
-    asked = parser.parse_args()
-    smallest = asked.smallest
-    options = {"duration_s": 1.0 if smallest else DURATION_S, "aside_m": 0.0, "jerk_m2": asked.jerk}
+    args = parser.parse_args()
+    smallest = args.smallest
+    options = {"duration_s": 1.0 if smallest else DURATION_S, "aside_m": 0.0, "jerk_m2": args.jerk}
     draws, judges = (2, 3) if smallest else (DRAWS, JUDGES)
     file = vehicle()
     robust = tune(file, ROUTE, draws=draws, starts=STARTS, polish=False, **options)

@@ -40,7 +40,7 @@ def places(language: str) -> tuple[Path, Path]:
     return folder / f"{DOMAIN}.po", folder / f"{DOMAIN}.mo"
 
 
-def wanted() -> Catalog:
+def required_catalogue() -> Catalog:
     """Return all that is to be translated."""
     catalogue = Catalog(
         project="baqueano", charset="utf-8", copyright_holder="The baqueano developers", fuzzy=False
@@ -121,7 +121,7 @@ def update(language: str) -> Catalog:
     """Write the catalogue of a language anew, with all that is to be translated now."""
     catalogue = read(language)
     created = catalogue.creation_date  # a file whose entries are the same stays the same, byte by byte
-    catalogue.update(wanted(), no_fuzzy_matching=False, update_header_comment=False)
+    catalogue.update(required_catalogue(), no_fuzzy_matching=False, update_header_comment=False)
     catalogue.creation_date = created
     catalogue.obsolete.clear()
     po, mo = places(language)
@@ -135,19 +135,19 @@ def update(language: str) -> Catalog:
 
 def faults(catalogue: Catalog) -> list[str]:
     """Return what is missing, fuzzy, or has other placeholders than the English."""
-    found = []
-    for message in wanted():
+    failures = []
+    for message in required_catalogue():
         if not message.id:
             continue
         entry = catalogue.get(message.id, message.context)
         name = f"{message.context or ''} {message.id!r}".strip()
         if entry is None or not all(entry.string if isinstance(entry.string, tuple) else (entry.string,)):
-            found.append(f"missing: {name}")
+            failures.append(f"missing: {name}")
         elif entry.fuzzy:
-            found.append(f"fuzzy: {name}")
+            failures.append(f"fuzzy: {name}")
         elif (broken := differs(message.id, entry.string)) is not None:
-            found.append(f"placeholders: {name}: {broken}")
-    return found
+            failures.append(f"placeholders: {name}: {broken}")
+    return failures
 
 
 def differs(english: str | tuple[str, ...], other: str | tuple[str, ...]) -> str | None:
@@ -155,8 +155,8 @@ def differs(english: str | tuple[str, ...], other: str | tuple[str, ...]) -> str
     if isinstance(english, tuple):
         pairs = zip(english, other, strict=True)
         return next((broken for pair in pairs if (broken := differs(*pair)) is not None), None)
-    for held in (fields, code):
-        ours, theirs = held(english), held(other)
+    for fields_of in (fields, code):
+        ours, theirs = fields_of(english), fields_of(other)
         if ours != theirs:
             return f"{sorted(ours)} and {sorted(theirs)}"
     return None

@@ -66,9 +66,9 @@ def laptop(tmp_path: Path):
             capture_output=True,
             check=False,
         )
-        said = done.stderr.decode("cp1252")
-        assert done.returncode == code, said[-3000:]
-        assert "Traceback" not in said
+        errors = done.stderr.decode("cp1252")
+        assert done.returncode == code, errors[-3000:]
+        assert "Traceback" not in errors
         return done
 
     run.home, run.running = home, running  # type: ignore[attr-defined]
@@ -157,9 +157,9 @@ def test_lg11_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):
 
 def test_errors_are_one_paragraph_on_such_a_laptop(laptop):
     done = laptop("identify", "no existe.mcap", "--vehicle", "small", code=3)
-    said = done.stderr.decode("cp1252").strip()
-    assert "no existe.mcap" in said
-    assert "\n\n" not in said
+    errors = done.stderr.decode("cp1252").strip()
+    assert "no existe.mcap" in errors
+    assert "\n\n" not in errors
 
 
 @pytest.mark.parametrize(

@@ -52,14 +52,14 @@ class FakeTime:
     ],
 )
 def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
-    fake, seen = FakeTime(), []
+    fake, tick_times = FakeTime(), []
     wall = clock.Wall(100.0, None, now_ns=fake.now, sleep=fake.sleep)
     for t_ns, work in zip(wall, work_ms, strict=False):
-        seen.append((t_ns - 1_000) / 1e6)
+        tick_times.append((t_ns - 1_000) / 1e6)
         fake.ns += round(work * 1e6)
-        if len(seen) == len(work_ms):
+        if len(tick_times) == len(work_ms):
             break
-    assert seen == ticks_ms
+    assert tick_times == ticks_ms
     assert wall.missed == missed
 
 
@@ -72,6 +72,6 @@ def test_the_real_wall_keeps_its_rate():
 
 
 def test_rt11_the_wall_is_the_clock_that_nobody_sets():
-    before, seen, after = time.monotonic_ns(), clock.wall(100.0).now_ns(), time.monotonic_ns()
-    assert before <= seen <= after
+    before, now, after = time.monotonic_ns(), clock.wall(100.0).now_ns(), time.monotonic_ns()
+    assert before <= now <= after
     assert not time.get_clock_info("monotonic").adjustable

@@ -128,7 +128,7 @@ def in_a_class(one: type, doc: NumpyDocString) -> list[str]:
     )
 
 
-def entries(wanted: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
+def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
     """Return what is amiss with the entries of these parameters: absent, without type, shape or unit."""
     there = {
         name.strip(): entry
@@ -136,7 +136,7 @@ def entries(wanted: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
         for name in entry.name.split(",")
     }
     lacks = []
-    for name, annotation in wanted:
+    for name, annotation in expected:
         entry = there.get(name)
         if entry is None:
             lacks.append(f"the parameter {name}")

@@ -68,11 +68,11 @@ MOST = 4  # statements of an example, beside its imports
 @pytest.mark.parametrize("module", TEXTS)
 def test_the_examples_of_a_module_run_and_say_what_they_say(module, request, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = []
+    texts = []
     with HARDWARE.get(module, none)(request, monkeypatch):
         for example in examples_of(module):
-            doctest.DocTestRunner().run(example, out=said.append)
-    assert not said, "".join(said)
+            doctest.DocTestRunner().run(example, out=texts.append)
+    assert not texts, "".join(texts)
 
 
 @pytest.mark.parametrize(("module", "name"), NAMES)

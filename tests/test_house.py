@@ -130,7 +130,7 @@ def test_blocks_open_no_door_to_the_outside(room):
 
 def test_nothing_asks_which_vehicle_it_has():
     """Its protocol and the metadata of its parameters say all, so that a vehicle of one's own is served as ours are."""
-    asks = {
+    offenders = {
         str(path.relative_to(SOURCE))
         for path in SOURCE.rglob("*.py")
         for node in nodes_of(path)
@@ -138,7 +138,7 @@ def test_nothing_asks_which_vehicle_it_has():
         and node.module == "baqueano.vehicles"
         and {"Car", "Kinematic", "Planar"} & {name.name for name in node.names}
     }
-    assert not asks, f"{asks} import a class of vehicle"
+    assert not offenders, f"{offenders} import a class of vehicle"
 
 
 SNIFFED = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
@@ -177,7 +177,7 @@ def test_no_kind_of_ours_is_distinguished_outside_its_room(room):
         "Compass",
         "Beacon",
     }
-    asks = [
+    offenders = [
         f"{path.relative_to(SOURCE)} line {node.lineno}"
         for path in sources()
         if path.parent != SOURCE / room
@@ -185,7 +185,7 @@ def test_no_kind_of_ours_is_distinguished_outside_its_room(room):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance"
         and {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)} & kinds
     ]  # fmt: skip
-    assert not asks, asks
+    assert not offenders, offenders
 
 
 def test_no_file_needs_a_tour():
@@ -215,20 +215,20 @@ def test_other_rooms_take_few_names_from_a_room(room):
 
 
 def test_whatever_is_public_says_what_it_is():
-    told, dumb = {}, []
+    members, dumb = {}, []
     for path in SOURCE.rglob("*.py"):
         for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
-                told[node.name] = {
+                members[node.name] = {
                     one.name for one in node.body if isinstance(one, FUNCTIONS) and ast.get_docstring(one)
                 }
     for path in SOURCE.rglob("*.py"):
         tree = nodes_of(path)[0]
-        dumb += [f"{path.relative_to(ROOT)}: {name}" for name in without_docstring(tree, "", set(), told)]
+        dumb += [f"{path.relative_to(ROOT)}: {name}" for name in without_docstring(tree, "", set(), members)]
     assert not dumb, "no docstring, so a reader has to guess:\n" + "\n".join(dumb)
 
 
-def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], told: dict[str, set[str]]):
+def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], members: dict[str, set[str]]):
     """Names of what is public and does not say what it is. What a base class says, or `help=` of a verb, is enough."""
     if isinstance(inside, ast.Module) and not ast.get_docstring(inside):
         yield "the module"
@@ -243,8 +243,8 @@ def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], told: d
             yield prefix + node.name
         if isinstance(node, ast.ClassDef):
             bases = [base.id for base in node.bases if isinstance(base, ast.Name)]
-            said = set[str]().union(*(told.get(base, set()) for base in bases))
-            yield from without_docstring(node, f"{prefix}{node.name}.", said, told)
+            inherited_names = set[str]().union(*(members.get(base, set()) for base in bases))
+            yield from without_docstring(node, f"{prefix}{node.name}.", inherited_names, members)
 
 
 def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
@@ -253,8 +253,8 @@ def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
         for path in SOURCE.rglob("*.py")
         for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
-        and {"table", "verdict"} <= (told := {one.name for one in node.body if isinstance(one, FUNCTIONS)})
-        and "rows" not in told
+        and {"table", "verdict"} <= (methods := {one.name for one in node.body if isinstance(one, FUNCTIONS)})
+        and "rows" not in methods
     ]
     assert not mute, f"--json asks for rows(): {mute}"
 
@@ -291,9 +291,9 @@ def test_ne1_no_port_is_opened_to_the_network():
 def test_lg7_fi5_nothing_of_a_file_is_run_as_code():
     """A block of the user is code and is run; a study reads back what it pickled itself."""
     risky = re.compile(r"(pickle|marshal|shelve|yaml)\.\w+|eval|exec|read_pickle")
-    found = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
+    offenders = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
     engine = {"symbolic/packing.py", "symbolic/python_code/python.py"}
-    assert found <= {"blocks.py", "study/identification/result.py", *engine}
+    assert offenders <= {"blocks.py", "study/identification/result.py", *engine}
     assert not [file for file, call in calls() if "allow_pickle" in {key.arg for key in call.keywords}]
 
 

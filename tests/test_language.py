@@ -51,14 +51,14 @@ def test_the_command_line_wins_over_the_variable_and_the_variable_over_the_local
 
 
 def test_a_sentence_is_spanish_and_its_numbers_have_a_decimal_comma():
-    said = fault("vehicle.setting", setting="x")
+    note = fault("vehicle.setting", setting="x")
     timed = Diagnostic("vehicle.tilt", figures={"tilt_deg": 12.0, "max_tilt_rad": 0.5})
-    english = text(said), text(timed)
+    english = text(note), text(timed)
     language.choose("es")
-    assert text(said) != english[0]
+    assert text(note) != english[0]
     assert text(timed) == "el vehículo está inclinado 12°: max_tilt_rad es 0,5"
     language.choose("en")
-    assert (text(said), text(timed)) == english
+    assert (text(note), text(timed)) == english
 
 
 @pytest.mark.parametrize(
@@ -79,15 +79,15 @@ def test_what_has_no_translation_stays_english():
 
 
 def test_the_command_line_speaks_spanish():
-    def said(*args, **environment):
+    def output_of(*args, **environment):
         end = subprocess.run(
             [sys.executable, "-m", "baqueano", *args], capture_output=True, encoding="utf-8",
             env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment},
         )  # fmt: skip
         return end.stdout + end.stderr
 
-    assert "Muestra este mensaje y termina." in said("compare", "--help", "--lang", "es")
-    assert "Uso: baqueano" in said("--help", BAQUEANO_LANG="es")
-    assert "Usage: baqueano" in said("--lang=en", "--help", BAQUEANO_LANG="es")
-    assert "'fr' is not one of" in said("--lang", "fr", "compare")
-    assert "BAQUEANO_LANG=fr" in said("blocks", "ls", BAQUEANO_LANG="fr")
+    assert "Muestra este mensaje y termina." in output_of("compare", "--help", "--lang", "es")
+    assert "Uso: baqueano" in output_of("--help", BAQUEANO_LANG="es")
+    assert "Usage: baqueano" in output_of("--lang=en", "--help", BAQUEANO_LANG="es")
+    assert "'fr' is not one of" in output_of("--lang", "fr", "compare")
+    assert "BAQUEANO_LANG=fr" in output_of("blocks", "ls", BAQUEANO_LANG="fr")

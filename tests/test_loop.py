@@ -361,15 +361,15 @@ def test_the_start_pose_reaches_the_estimator():
 
 def test_back_ends_agree_over_a_loop():
     ticks = [r.tick for r in drive(duration_s=0.2)[0]]
-    spoken = {}
+    estimates = {}
     for backend in ("auto", "python", "numpy"):
         blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
-        states, spoken[backend] = loop.init(blocks), []
+        states, estimates[backend] = loop.init(blocks), []
         for tick in ticks:
             states, record = loop.step(blocks, states, tick)
-            spoken[backend].append(record)
+            estimates[backend].append(record)
     for backend in ("auto", "python"):
-        for a, b in zip(leaves(tuple(spoken[backend])), leaves(tuple(spoken["numpy"])), strict=True):
+        for a, b in zip(leaves(tuple(estimates[backend])), leaves(tuple(estimates["numpy"])), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
 

@@ -92,12 +92,12 @@ def readers(tree):
 @pytest.mark.parametrize("room", ROOMS_OF_CODE)
 def test_no_code_reads_a_sentence(room):
     files = [SOURCE / room] if room.endswith(".py") else sorted((SOURCE / room).rglob("*.py"))
-    found = [
+    offenders = [
         f"{path.relative_to(SOURCE)} line {line}"
         for path in files
         for line in readers(ast.parse(path.read_text(encoding="utf-8")))
     ]
-    assert not found, f"these decide by words: give what they ask for a code. {found}"
+    assert not offenders, f"these decide by words: give what they ask for a code. {offenders}"
 
 
 @pytest.mark.parametrize(
@@ -163,10 +163,12 @@ def test_each_diagnostic_brings_the_figures_of_its_template():
     made = list(said_in_the_code())
     assert len(made) > 250
     for path, code, figures in made:
-        wanted = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
-        wanted = {name for name in wanted if not name.startswith("arg[")}
-        assert wanted >= figures & {"fix"}, f"{path}: {code} does not show what to type"
-        assert wanted - {"fix", "subject"} <= figures, f"{path}: {code} needs {wanted}, and gets {figures}"
+        figures_of = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
+        figures_of = {name for name in figures_of if not name.startswith("arg[")}
+        assert figures_of >= figures & {"fix"}, f"{path}: {code} does not show what to type"
+        assert figures_of - {"fix", "subject"} <= figures, (
+            f"{path}: {code} needs {figures_of}, and gets {figures}"
+        )
 
 
 def codes_in_the_code():
@@ -197,19 +199,19 @@ NESTED = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "note",
     [
         stop(StopReason.UNO_SILENT, silent_ms=320.5), stop(StopReason.UNO_LATCHED, "baqueano robot clear"), NESTED,
         note("bus.freed", Severity.WARNING, clocks=9),
     ],
 )  # fmt: skip
-def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(said):
-    assert Diagnostic.of_json(json.loads(json.dumps(said.to_json()))) == said
-    assert text(said)
+def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(note):
+    assert Diagnostic.of_json(json.loads(json.dumps(note.to_json()))) == note
+    assert text(note)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "data",
     [
         None, 3, [], {}, {"code": "x"}, {"code": 1, "severity": "error", "subject": "", "figures": {}, "fix": ""},
         {"code": "x", "severity": "grave", "subject": "", "figures": {}, "fix": ""},
@@ -217,9 +219,9 @@ def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(said):
         {"code": "x", "severity": "error", "subject": "", "figures": {"a": {"code": 3}}, "fix": ""},
     ],
 )  # fmt: skip
-def test_what_is_not_a_diagnostic_is_refused(said):
+def test_what_is_not_a_diagnostic_is_refused(data):
     with pytest.raises(ValueError, match=r"diagnostic|figure|Severity"):
-        Diagnostic.of_json(said)
+        Diagnostic.of_json(data)
 
 
 @pytest.mark.parametrize(

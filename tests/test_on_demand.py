@@ -70,8 +70,8 @@ VERBS = ["compare", "identify", "report", "simulate", "tune"]  # called as the r
 
 def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
     rooms = "; ".join(f"import baqueano.{verb}" for verb in VERBS)
-    said = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
-    assert said == str(VERBS)
+    printed = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
+    assert printed == str(VERBS)
     assert (
         fresh("from baqueano.tune import TuneResult; import baqueano as bq; print(callable(bq.tune))")
         == "True"
@@ -80,8 +80,8 @@ def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
 
 def test_the_front_door_imports_nothing_before_it_is_used():
     new = "set(sys.modules) - before"
-    said = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
-    assert said == "baqueano baqueano.on_demand"
+    printed = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
+    assert printed == "baqueano baqueano.on_demand"
 
 
 def test_the_front_door_offers_the_verbs_of_the_command_line():

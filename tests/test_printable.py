@@ -38,7 +38,7 @@ def test_no_text_holds_a_control_character_afterwards(text):
 @given(
     st.recursive(st.none() | st.integers() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x))
 )
-def test_no_text_in_json_does(said):
+def test_no_text_in_json_does(data):
     def texts(value):
         if isinstance(value, dict):
             yield from value
@@ -48,7 +48,7 @@ def test_no_text_in_json_does(said):
         if isinstance(value, str):
             yield value
 
-    assert all(one_line(text) == text for text in texts(words(said)))
+    assert all(one_line(text) == text for text in texts(words(data)))
 
 
 def test_the_lines_of_a_drive_by_hand_move_no_cursor():

@@ -24,8 +24,8 @@ needs_sphinx = pytest.mark.skipif(
 
 def blocks(page):
     """Return (language, text) of each block of code, without comments and the words of drawings."""
-    found = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    return [(kind, without_comments(text)) for kind, text in found]
+    fences = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [(kind, without_comments(text)) for kind, text in fences]
 
 
 def without_comments(text):

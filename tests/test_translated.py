@@ -54,8 +54,8 @@ def test_a_sentence_is_translated_where_it_is_shown():
         where = path.relative_to(SOURCE)
         if where.parts[0] in ELSEWHERE or where.as_posix() in OTHER_TEXT:
             continue
-        found = sentences(ast.parse(path.read_text(encoding="utf-8")))
-        bare += [f"{where}:{line}: {words!r}" for line, words in found if not TYPED.search(words)]
+        sentence_list = sentences(ast.parse(path.read_text(encoding="utf-8")))
+        bare += [f"{where}:{line}: {words!r}" for line, words in sentence_list if not TYPED.search(words)]
     assert bare == [], "write a template of messages/, or _(…)"
 
 

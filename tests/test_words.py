@@ -53,8 +53,10 @@ def sentences_of(page: str) -> list[str]:
     text = re.sub(r"^```.*?^```$", "", page, flags=re.MULTILINE | re.DOTALL)
     text = re.sub(r"!?\[[^\]]*\]\([^)]*\)|`[^`\n]*`", "x", text)
     parts = re.split(r"\n\s*\n|\n(?=\s*[-*#\d]+[. ])|\||^#.*$", text, flags=re.MULTILINE)
-    found = [one for part in parts for one in re.split(r"(?<=[.;:!?])[\s*)\"]+|[()]", " ".join(part.split()))]
-    return [one.strip() for one in found if one.strip()]
+    pieces = [
+        one for part in parts for one in re.split(r"(?<=[.;:!?])[\s*)\"]+|[()]", " ".join(part.split()))
+    ]
+    return [one.strip() for one in pieces if one.strip()]
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -144,13 +146,13 @@ def defined_names(node: ast.AST) -> list[str]:
 
 
 def test_no_name_is_a_verb_of_saying():
-    said = {
+    names = {
         f"{file}: {name}"
         for file, node in nodes()
         for name in defined_names(node)
         if name.lstrip("_") in VERBS and not isinstance(node, ast.keyword | ast.alias)
     }
-    assert not said, f"name what it holds: {said}"
+    assert not names, f"name what it holds: {names}"
 
 
 PARTICIPLE = re.compile(r"_?[A-Z][a-z]+(ed|aught|old|eld|een|own|awn)")  # a word alone, which lacks its noun

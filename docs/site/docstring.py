@@ -22,33 +22,33 @@ def markdown(docstring: str) -> str:
 
 def _sections(lines: list[str]) -> Iterator[tuple[str, list[str]]]:
     """Return (heading, lines), the first without a heading."""
-    heading, held = "", list[str]()
+    heading, entries = "", list[str]()
     for k, line in enumerate(lines):
         if k + 1 < len(lines) and RULE.fullmatch(lines[k + 1]) and line.strip() and line[0] != " ":
-            yield heading, held
-            heading, held = line.strip(), []
+            yield heading, entries
+            heading, entries = line.strip(), []
         elif not (RULE.fullmatch(line) and k and lines[k - 1].strip() == heading):
-            held.append(line)
-    yield heading, held
+            entries.append(line)
+    yield heading, entries
 
 
 def _entries(lines: list[str]) -> Iterator[str]:
     """Return a list of what a section names: `name : type`, then its description, set in."""
-    name, said = "", list[str]()
+    name, content = "", list[str]()
 
     def one() -> Iterator[str]:
         if name:
             words, _, kind = name.partition(" : ")
             head = f"`{words.strip()}`" + (f", {escaped(kind.strip())}" if kind else "")
-            text = escaped(" ".join(line.strip() for line in said if line.strip()))
+            text = escaped(" ".join(line.strip() for line in content if line.strip()))
             yield f"- {head}" + (f": {text}" if text else "")
 
     for line in lines:
         if line.strip() and line[0] != " ":
             yield from one()
-            name, said = line, []
+            name, content = line, []
         else:
-            said.append(line)
+            content.append(line)
     yield from one()
     yield ""
 

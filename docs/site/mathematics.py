@@ -21,11 +21,11 @@ log = logging.getLogger(__name__)
 def mathml(tex: str, block: bool, place: Any = None) -> str:
     """Return the MathML of `tex`; of an equation with \\tag{n}, its number beside it. A warning where it is wrong."""
     number = TAG.search(tex)
-    known = TAG.sub("", tex)
-    for found, same in SAME:
-        known = found.sub(same, known)
+    rest = TAG.sub("", tex)
+    for pattern, same in SAME:
+        rest = pattern.sub(same, rest)
     try:
-        drawn = tex2mathml(known, as_block=block)
+        drawn = tex2mathml(rest, as_block=block)
     except MathError as error:
         log.warning("equation %s: %s", tex, error, location=place)
         return f"<code>{html.escape(tex)}</code>"

@@ -49,8 +49,8 @@ class Edition:
         if self.language == "es":
             return {_name(path.stem): path for path in sorted((DOCS / "es").glob("*.md"))}
         own = [*sorted(DOCS.glob("*.md")), *sorted((DOCS / "derivations").glob("*.md"))]
-        found = {_name(path.relative_to(DOCS).with_suffix("").as_posix()): path for path in own}
-        return found | ELSEWHERE
+        pages = {_name(path.relative_to(DOCS).with_suffix("").as_posix()): path for path in own}
+        return pages | ELSEWHERE
 
     def menu(self, more: tuple[str, ...] = ()) -> dict[str, list[str]]:
         """Return the pages below each heading; `more` are those that no file stands for."""

@@ -114,11 +114,11 @@ def _directive(kind: str, head: str, body: str, ticks: int = 4) -> str:
 def signature(thing: Any, method: bool = False) -> str:
     """Return arguments with their types, without modules; a default only where it is short."""
     try:
-        found = inspect.signature(thing)
+        signature_of = inspect.signature(thing)
     except (TypeError, ValueError):
         return "()"
     words, starred = [], False
-    for k, one in enumerate(found.parameters.values()):
+    for k, one in enumerate(signature_of.parameters.values()):
         if method and k == 0 and one.name in ("self", "cls"):
             continue
         if one.kind is one.KEYWORD_ONLY and not starred:
@@ -131,7 +131,7 @@ def signature(thing: Any, method: bool = False) -> str:
         if one.default is not one.empty:
             text += f" = {_default(one.default)}"
         words.append(text)
-    kind = _type(found.return_annotation)
+    kind = _type(signature_of.return_annotation)
     return f"({', '.join(words)})" + (f" -> {kind}" if kind and not inspect.isclass(thing) else "")
 
 

@@ -65,12 +65,12 @@ def run_that_names(kind: str, path: Path) -> Path:
 
 
 def causes(error: FileError) -> list[str]:
-    found, left = [], [error.diagnostic]
+    causes, left = [], [error.diagnostic]
     while left:
         one = left.pop()
-        found.append(one.code)
+        causes.append(one.code)
         left += [figure for figure in one.figures.values() if hasattr(figure, "code")]
-    return found
+    return causes
 
 
 def test_own_text_beside_the_own_vehicle_file_runs_as_before(tmp_path, mark):

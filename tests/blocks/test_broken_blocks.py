@@ -288,14 +288,14 @@ BROKEN = {
 def test_id12_what_the_author_reads(tmp_path, case):
     room, old, new, expected = BROKEN[case]
     assert GOOD[room].count(old) >= 1
-    found = findings_about(tmp_path, room, GOOD[room].replace(old, new, 1))
+    findings = findings_about(tmp_path, room, GOOD[room].replace(old, new, 1))
     for code, figures in expected:
-        alike = [one for one in found if one.code == code]
-        assert any(figures.items() <= said(one).items() for one in alike), found
-    assert all(one.figures["place"].startswith("mine.py line ") for one in found)
+        alike = [one for one in findings if one.code == code]
+        assert any(figures.items() <= figures_of(one).items() for one in alike), findings
+    assert all(one.figures["place"].startswith("mine.py line ") for one in findings)
 
 
-def said(one):
+def figures_of(one):
     """The figures with the subject, of a cause its code."""
     codes = {name: getattr(value, "code", value) for name, value in one.figures.items()}
     return codes | {"subject": one.subject}

@@ -37,18 +37,18 @@ class DriveEnded(NamedTuple):
     def fix(self) -> str:
         """What to type next."""
         assert self.ending is not None
-        found = self.ending.next or self.why
-        assert found.fix in self.paragraph
-        return found.fix
+        reason = self.ending.next or self.why
+        assert reason.fix in self.paragraph
+        return reason.fix
 
     @property
     def paragraph(self) -> str:
         """The one paragraph of an error, without what was said before it."""
-        said = self.err[self.err.index("baqueano: ") :]
+        message = self.err[self.err.index("baqueano: ") :]
         assert "Traceback" not in self.err
-        assert "\n\n" not in said.strip()
-        assert "\nbaqueano: " not in said
-        return said.strip()
+        assert "\n\n" not in message.strip()
+        assert "\nbaqueano: " not in message
+        return message.strip()
 
     @property
     def reply(self) -> dict[str, Any]:

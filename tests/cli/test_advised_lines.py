@@ -48,9 +48,11 @@ def advised():
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "typed" and verb_of(node):
                 yield f"{where}:{node.lineno}", list(of_call(node))
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found = re.fullmatch(rf"baqueano ((?:{'|'.join(VERBS)})\b[^.]*(?:\.toml[^.]*)?)", node.value)
-                if found and "\n" not in node.value:
-                    yield f"{where}:{node.lineno}", [found[1].split()]
+                command = re.fullmatch(
+                    rf"baqueano ((?:{'|'.join(VERBS)})\b[^.]*(?:\.toml[^.]*)?)", node.value
+                )
+                if command and "\n" not in node.value:
+                    yield f"{where}:{node.lineno}", [command[1].split()]
     for code, template in templates().items():
         for line in LINE.findall(template):
             yield code, [line.split()]
@@ -90,8 +92,10 @@ def test_each_advised_line_can_be_typed(where, readings):
 
 def test_no_line_is_put_together_without_quotes():
     unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(VERBS)}) [^\"]*\{{")
-    found = [path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))]
-    assert found == []
+    offenders = [
+        path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))
+    ]
+    assert offenders == []
 
 
 def test_a_line_is_quoted_as_the_shell_wants_it(monkeypatch):

@@ -39,7 +39,7 @@ class Terminal:
     def __init__(self, folder, *words, kitty=True, there=True, gone_s=15.0):
         import termios
 
-        self.there, self.kitty, self.heard, self.over = there, kitty, b"", False
+        self.there, self.kitty, self.output, self.over = there, kitty, b"", False
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         environment = {k: v for k, v in os.environ.items() if not k.startswith("SSH_")}
@@ -52,12 +52,12 @@ class Terminal:
 
     def until(self, pattern, within_s=40.0):
         """Waits until the screen has shown this."""
-        assert self.shows(pattern, within_s), self.heard[-2000:].decode(errors="replace")
+        assert self.shows(pattern, within_s), self.output[-2000:].decode(errors="replace")
 
     def shows(self, pattern, within_s):
         """Whether the screen shows this within the time, of a process that lives or whose end was waited for."""
         end = time.monotonic() + within_s
-        while not re.search(pattern, self.heard):
+        while not re.search(pattern, self.output):
             if time.monotonic() > end or not (self.over or self.process.poll() is None):
                 return False
             time.sleep(0.05)
@@ -94,7 +94,7 @@ class Terminal:
                 data = os.read(master, 4096)
             except OSError:  # the other side is closed
                 return
-            self.heard += data
+            self.output += data
             if self.there:
                 answers = b"\x1b[?0u" * (self.kitty and b"\x1b[?u" in data) + b"\x1b[0n" * data.count(
                     b"\x1b[5n"
@@ -140,8 +140,8 @@ def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_p
     assert run.applied[-1, 0] == 0.0
     assert termios.tcgetattr(screen.slave) == screen.before
     screen.until(rb"(?s)\x1b\[<u.*\x1b\[\?25h|\x1b\[\?25h.*\x1b\[<u")  # its last words are on their way still
-    assert screen.heard.count(b"\x1b[>11u") == screen.heard.count(b"\x1b[<u") == 1
-    assert screen.heard.rindex(b"\x1b[?25h") > screen.heard.rindex(b"\x1b[?25l")
+    assert screen.output.count(b"\x1b[>11u") == screen.output.count(b"\x1b[<u") == 1
+    assert screen.output.rindex(b"\x1b[?25h") > screen.output.rindex(b"\x1b[?25l")
 
 
 def test_a_set_point_below_the_dead_zone_of_the_file_is_reported_on_the_screen(terminal):
@@ -165,7 +165,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     assert stop_of(run).code == StopReason.TERMINAL_SILENT
     assert run.applied[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
     assert len(moving(run)) > 50
-    assert b"\x1b[?25h" in screen.heard
+    assert b"\x1b[?25h" in screen.output
 
 
 def test_rt12_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(terminal, tmp_path):
@@ -233,9 +233,9 @@ def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
 def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **how: run)
-    said = baqueano("drive", "--vehicle", "small", "--json")
-    assert "type: --set sensors.imu.gyro_scale=0.9" in said.err
-    (row,) = said.reply["rows"]
+    end = baqueano("drive", "--vehicle", "small", "--json")
+    assert "type: --set sensors.imu.gyro_scale=0.9" in end.err
+    (row,) = end.reply["rows"]
     assert row["sensors.imu.gyro_scale"] == pytest.approx(0.97, abs=0.01)
     assert row["marks"] == 2
     assert not Path("vehicle.toml").exists()
@@ -256,9 +256,9 @@ def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, b
     monkeypatch.setattr(
         "baqueano.drive.by_hand.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"]
     )
-    said = baqueano("drive", "--vehicle", "small")
-    assert "tmux answers in place of your terminal" in said.err
-    assert said.code == 2
+    end = baqueano("drive", "--vehicle", "small")
+    assert "tmux answers in place of your terminal" in end.err
+    assert end.code == 2
 
 
 def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):

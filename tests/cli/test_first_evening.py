@@ -68,8 +68,8 @@ def test_a_new_project_drives_another_vehicle_than_its_file_describes(baqueano, 
         assert guess.guessed
         assert guess.truth.layers == (f"garage: {name}",)
         key = "model.friction.linear" if name != "car" else "model.linear_drag"
-        believed, true = guess.value(key), guess.truth.value(key)
-        assert np.all(np.abs(believed - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
+        guesses, true = guess.value(key), guess.truth.value(key)
+        assert np.all(np.abs(guesses - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
         sds = [origin.sd for origin in guess.provenance.values() if origin.sd is not None]
         assert sds, "a guess says how far off it may be"
     guess, u = load(tmp_path / "small" / "vehicle.toml"), np.tile([0.6, 0.0, 0.1], (100, 1))
@@ -119,10 +119,10 @@ def test_a_file_before_any_fit_replays_a_run_with_any_estimator(baqueano, kind):
     baqueano("experiment", "--vehicle", "small", "--seconds", "2")
     end = baqueano("replay", "1", "--vehicle", "bare.toml", "--estimator", kind)
     assert end.code == 0, end.err
-    (said,) = [
+    (event,) = [
         e.diagnostic for e in read_run(find("last")).events if e.level == "warning" and e.source == "drive"
     ]
-    assert (said.code, said.figures["sensors"]) == ("drive.usual-noise", "imu")
+    assert (event.code, event.figures["sensors"]) == ("drive.usual-noise", "imu")
     assert "noise of imu" in end.err
 
 
@@ -141,11 +141,11 @@ def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path, monkeypa
     options.advise_to_measure(load("my vehicle.toml"), "simulated:small")
     load("small").save(tmp_path / "vehicle.toml")  # beside it a name of the garage has to be said
     options.advise_to_measure(load("small"), "pilot@rover.local")
-    said = capsys.readouterr().err
-    assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in said
-    assert "baqueano identify last --vehicle 'my vehicle.toml' --update" in said
-    assert "small.toml: its model is a guess" in said
-    assert "baqueano experiment --vehicle small --robot pilot@rover.local" in said
+    printed = capsys.readouterr().err
+    assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in printed
+    assert "baqueano identify last --vehicle 'my vehicle.toml' --update" in printed
+    assert "small.toml: its model is a guess" in printed
+    assert "baqueano experiment --vehicle small --robot pilot@rover.local" in printed
 
 
 def test_a_vehicle_of_the_garage_is_its_own_truth_in_a_simulation_and_is_not_advised(capsys):

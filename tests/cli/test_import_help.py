@@ -18,9 +18,9 @@ def test_the_map_in_the_help_is_a_map(tmp_path):
     text = A_MAP.partition("\b\n")[2]
     assert tomllib.loads(text)["name"] == "rover"
     (tmp_path / "rover.toml").write_text(text, encoding="utf-8")
-    told = load_map(tmp_path / "rover.toml")
-    assert told.wheels
-    assert [len(signal.entries) for signal in (told.command, told.sensors["imu"])] == [2, 3]
+    signal_map = load_map(tmp_path / "rover.toml")
+    assert signal_map.wheels
+    assert [len(signal.entries) for signal in (signal_map.command, signal_map.sensors["imu"])] == [2, 3]
 
 
 def test_the_help_shows_the_map_as_it_is(baqueano):
@@ -113,9 +113,13 @@ def test_a_draft_of_a_map_is_a_map(baqueano, tmp_path):
     made = baqueano("runs", "import", "log.csv", "--draft", "log.toml")
     assert made.code == 0
     assert "baqueano runs import log.toml log.csv" in made.out
-    told = load_map(tmp_path / "log.toml")
-    assert (told.wheels, set(told.sensors), told.truth is not None) == (True, {"wheels", "imu"}, True)
-    assert [entry.unit for entry in told.sensors["imu"].entries] == ["g", "g", "deg/s"]
+    signal_map = load_map(tmp_path / "log.toml")
+    assert (signal_map.wheels, set(signal_map.sensors), signal_map.truth is not None) == (
+        True,
+        {"wheels", "imu"},
+        True,
+    )
+    assert [entry.unit for entry in signal_map.sensors["imu"].entries] == ["g", "g", "deg/s"]
     assert "columns without a place: note" in (tmp_path / "log.toml").read_text(encoding="utf-8")
     assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").why.code == "cli.file-exists"
 

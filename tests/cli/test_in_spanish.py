@@ -90,11 +90,11 @@ def strange(words: str) -> str:
 def in_strange_letters(monkeypatch):
     """Lets `--lang es` speak in letters of no language."""
     real = gettext.translation(language.DOMAIN, language.CATALOGUES, ["es"])
-    known = copy(real)
-    known._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
+    renamed = copy(real)
+    renamed._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
         key: strange(key.rpartition("\4")[2]) for key in real._catalog if isinstance(key, str) and key
     }
-    monkeypatch.setattr(language, "_catalogue", lambda name: known)
+    monkeypatch.setattr(language, "_catalogue", lambda name: renamed)
     yield
     language.choose("")
 
@@ -165,27 +165,27 @@ def test_each_option_says_what_it_does():
 def test_help_in_spanish_is_in_the_third_person_and_has_one_wording_for_a_default():
     language.choose("es")
     try:
-        said = [(name, one) for name, command in helps() for one in words_of(in_language(command))]
+        wordings = [(name, one) for name, command in helps() for one in words_of(in_language(command))]
     finally:
         language.choose("")
-    assert len(said) > 250
-    assert [one for one in said if INFINITIVE.match(one[1])] == [], "Guarda, not Guardar"
-    assert [one for one in said if OTHER_DEFAULT.search(one[1])] == [], "por omisión"
-    assert [one for one in said if TUTEO.search(one[1])] == [], "usted"
+    assert len(wordings) > 250
+    assert [one for one in wordings if INFINITIVE.match(one[1])] == [], "Guarda, not Guardar"
+    assert [one for one in wordings if OTHER_DEFAULT.search(one[1])] == [], "por omisión"
+    assert [one for one in wordings if TUTEO.search(one[1])] == [], "usted"
 
 
 def test_the_names_of_values_are_spanish(capsys):
     try:
-        said = (
+        help_text = (
             said_by("report --help", capsys)
             + said_by("runs --help", capsys)
             + said_by("repeat --help", capsys)
         )
     finally:
         language.choose("")
-    assert "-o, --out ARCHIVO" in said
-    assert "ORDEN [ARGUMENTOS]..." in said
-    assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", said)
+    assert "-o, --out ARCHIVO" in help_text
+    assert "ORDEN [ARGUMENTOS]..." in help_text
+    assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", help_text)
 
 
 def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, capsys):
@@ -217,11 +217,11 @@ def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_lette
 @pytest.mark.parametrize("line", ["compare 1", "runs ls", "forecast lab --vehicle small"])
 def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
     try:
-        said = TYPED.sub("", said_by(line, capsys))
+        figures_text = TYPED.sub("", said_by(line, capsys))
     finally:
         language.choose("")
-    assert not POINT.findall(said)
-    assert re.search(r"\d,\d", said)
+    assert not POINT.findall(figures_text)
+    assert re.search(r"\d,\d", figures_text)
 
 
 def test_files_and_json_keep_points_and_english(in_lab, capsys):
@@ -249,9 +249,9 @@ def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
     try:
         said_by("runs import w.toml log.csv -o imported.mcap", capsys)
         run = read_run("imported.mcap")
-        found = [one for one in run.events if one.source == "import" and one.level == "warning"]
-        assert found
-        for one in found:
+        warnings = [one for one in run.events if one.source == "import" and one.level == "warning"]
+        assert warnings
+        for one in warnings:
             assert one.diagnostic.figures["cause"].code.startswith("recording.")
             assert one.text == in_english(one.diagnostic)
             with language.within("es"):

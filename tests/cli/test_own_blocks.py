@@ -150,7 +150,7 @@ def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp
 
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize(
-    ("line", "u", "said"),
+    ("line", "u", "message"),
     [
         ('raise ValueError("boom")', "np.zeros(3)", "mine.py:9) raised ValueError: boom"),
         ("stat", "np.zeros(3)", "mine.py:9) raised NameError: name 'stat' is not defined"),
@@ -159,7 +159,7 @@ def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp
         ("return None", "np.zeros(3)", "returned nothing, expected (state, output)"),
     ],
 )
-def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_path, room, line, u, said):
+def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_path, room, line, u, message):
     (tmp_path / "mine.py").write_text(ROOMS[room].format(line=line, u=u), encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--json")
     assert end.code == 5, end.err
@@ -169,7 +169,7 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_
     )
     assert end.cause.code in (StopReason.BLOCK_RAISED, StopReason.BLOCK_RETURNED)
     assert str(end.cause.figures["block"]).startswith(f"{room} Mine (")
-    assert said in text(end.cause)
+    assert message in text(end.cause)
     assert len(end.reply["rows"]) == 1
     run = read_run(tmp_path / "runs" / "0001-repeat.mcap")
     assert run.notes == ()
@@ -201,7 +201,7 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
 
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize(
-    ("text", "name", "said"),
+    ("text", "name", "message"),
     [
         ("import nothere\n", "Mine", ("block.raised-while-read", "place", "mine.py line 1")),
         ("class Mine:\n    def step step(self):\n", "Mine", ("block.not-python", "line", 2)),
@@ -211,13 +211,13 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
     ],
 )  # fmt: skip
 def test_a_block_that_cannot_be_loaded_is_reported_before_anything_moves(
-    project, tmp_path, room, text, name, said
+    project, tmp_path, room, text, name, message
 ):
     if text is not None:
         (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", f"mine.py:{name}", *SMALL)
     assert end.code == 3
-    code, figure, value = said
+    code, figure, value = message
     assert (end.cause.code, end.cause.figures[figure]) == (code, value)
     assert (end.why.figures["room"], end.why.figures["kind"]) == (room, f"mine.py:{name}")
     assert end.why.fix == f"baqueano blocks check mine.py:{name}"
@@ -254,8 +254,8 @@ def test_a_file_that_ends_the_program_while_it_is_read_is_named_with_its_line(
     (tmp_path / "mine.py").write_text(f"import sys\n{line}\n{text}", encoding="utf-8")
     end = project(*command.split())
     assert end.code == 3
-    assert '"code": "block.raised-while-read-and-ends"' in (said := json.dumps(end.why.to_json()))
-    assert '"place": "mine.py line 2"' in said
+    assert '"code": "block.raised-while-read-and-ends"' in (reason := json.dumps(end.why.to_json()))
+    assert '"place": "mine.py line 2"' in reason
 
 
 @pytest.mark.parametrize("room", ROOMS)

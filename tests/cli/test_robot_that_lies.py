@@ -36,11 +36,13 @@ def liar(tmp_path):
         line, _ = listener.accept()
         with line, line.makefile("rb") as coming:
             try:
-                for said in answers.get("first", [READY]):
-                    line.sendall(json.dumps(said).encode() + b"\n")
+                for message in answers.get("first", [READY]):
+                    line.sendall(json.dumps(message).encode() + b"\n")
                 for word in coming:
-                    for said in answers.get(json.loads(word)["do"], []):
-                        line.sendall(said if isinstance(said, bytes) else json.dumps(said).encode() + b"\n")
+                    for message in answers.get(json.loads(word)["do"], []):
+                        line.sendall(
+                            message if isinstance(message, bytes) else json.dumps(message).encode() + b"\n"
+                        )
             except OSError:
                 return
 
@@ -143,8 +145,8 @@ def test_a_run_that_is_not_as_long_as_was_said_leaves_nothing(baqueano, liar, tm
 
 
 def test_what_it_says_of_its_state_moves_no_cursor_and_forges_no_line(baqueano, liar):
-    said = READY | {"why": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
-    end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, said]))
+    status = READY | {"why": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
+    end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, status]))
     assert end.code == 0
     assert r"\x1b[2J\x9b\u202e all baqueano: forged" in end.out
     assert not {"\x1b", "\x9b", "\u202e", "\r"} & set(end.out)

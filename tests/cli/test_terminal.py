@@ -27,8 +27,8 @@ def project(lab, tmp_path) -> Path:
 
 
 def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
-    told = os.environ | environment
-    return subprocess.run([*COMMAND, *args], cwd=folder, env=told, capture_output=True, timeout=60)
+    settings = os.environ | environment
+    return subprocess.run([*COMMAND, *args], cwd=folder, env=settings, capture_output=True, timeout=60)
 
 
 def test_nothing_is_drawn_when_stderr_is_not_a_terminal(project):
@@ -155,9 +155,9 @@ def test_a_person_sees_a_bar_and_the_time_of_a_fit(project):
 
 def test_driving_by_keys_makes_a_route_and_gives_the_terminal_back(project):
     ready = "q ends the drive"
-    held = [(ready, 0.5, b"w"), *[(ready, 0.1, b"w")] * 15, *[(ready, 0.1, b"\x1b[D")] * 5]
-    told = ["teach", "mine", "--driver", "keys", "--vehicle", "small"]
-    code, text = in_terminal(project, told, [*held, (ready, 0.1, b"q")])
+    keystrokes = [(ready, 0.5, b"w"), *[(ready, 0.1, b"w")] * 15, *[(ready, 0.1, b"\x1b[D")] * 5]
+    arguments = ["teach", "mine", "--driver", "keys", "--vehicle", "small"]
+    code, text = in_terminal(project, arguments, [*keystrokes, (ready, 0.1, b"q")])
     assert code == 0, text
     assert "route: routes/mine.csv" in text
     assert (project / "routes" / "mine.csv").read_text(encoding="utf-8").count("\n") > 20

@@ -13,7 +13,7 @@ from baqueano.diagnostics import fault
 
 
 @pytest.mark.parametrize(
-    ("line", "code", "said"),
+    ("line", "code", "message"),
     [
         ("experimnt", "cli.unknown-verb", "baqueano experiment"),
         ("fly", "cli.no-such-verb", "repeat"),
@@ -59,10 +59,10 @@ from baqueano.diagnostics import fault
         ("runs cut 1 --from x", "cli.number", "[s]"),
     ],
 )
-def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, code, said):
+def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, code, message):
     end = baqueano(*line.split())
     assert (end.code, end.out, end.why.code) == (2, "", code)
-    assert said in f"{end.why.to_json()} {end.fix}"
+    assert message in f"{end.why.to_json()} {end.fix}"
     assert end.fix
     assert not list(tmp_path.rglob("*.mcap*")), "no number of a run was taken"
 
@@ -209,10 +209,10 @@ def test_no_sentence_of_a_list_of_verbs_is_cut_short(baqueano, group):
 )
 def test_an_error_of_a_verb_with_json_is_one_object_with_code_and_figures(baqueano, line, code, ends):
     end = baqueano(*line.split())
-    said = json.loads(end.out)
-    assert (end.code, said["exit_code"], said["code"]) == (ends, ends, code)
-    assert said["figures"] == end.why.to_json()["figures"]
-    assert said["text"] in end.paragraph
+    printed = json.loads(end.out)
+    assert (end.code, printed["exit_code"], printed["code"]) == (ends, ends, code)
+    assert printed["figures"] == end.why.to_json()["figures"]
+    assert printed["text"] in end.paragraph
 
 
 def test_an_answer_of_no_with_json_is_the_answer_alone(baqueano, tmp_path):

@@ -64,13 +64,13 @@ def test_thousands_need_a_covariance_to_be_drawn_from(baqueano):
 
 def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_path):
     project("simulate", "--vehicle", "small", "--seconds", "20", "-o", "long.mcap")
-    told = ("identify", "long.mcap", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--json")
-    fit = project(*told)
+    arguments = ("identify", "long.mcap", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--json")
+    fit = project(*arguments)
     assert fit.code == 0, fit.err
     assert [row["name"] for row in fit.reply["rows"]] == ["model.actuator_matrix[0,0]"]
     assert "add --update" in fit.err
     assert not (tmp_path / "vehicle.toml").exists()
-    assert project(*told, "--update").code == 0
+    assert project(*arguments, "--update").code == 0
     assert "[provenance" in (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
     wrong = project("identify", "long.mcap", "--bound", "model.mass_kg")
     assert wrong.code == 2
@@ -162,7 +162,7 @@ def test_an_unknown_run_is_reported_with_the_newest(project):
 
 
 @pytest.mark.parametrize(
-    ("said", "expected"),
+    ("options", "expected"),
     [
         ("--vehicle car", "not the same kind of vehicle"),
         ("--vehicle small --bound model.friction.linear=5,1", "expected the lower one first"),
@@ -170,8 +170,8 @@ def test_an_unknown_run_is_reported_with_the_newest(project):
         ("--vehicle small --free model.nope", "model.nope is not a parameter"),
     ],
 )
-def test_a_fit_that_cannot_be_meant_is_refused(project, said, expected):
-    end = project("identify", "1", *said.split())
+def test_a_fit_that_cannot_be_meant_is_refused(project, options, expected):
+    end = project("identify", "1", *options.split())
     assert end.code == 2
     assert expected in end.paragraph
 
@@ -206,8 +206,8 @@ def test_a_report_tells_the_whole_line_that_gives_its_numbers_again(baqueano, tm
     )
     monkeypatch.setattr(sys, "argv", ["baqueano", *line])
     baqueano(*line)
-    told = html.unescape((tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert f"To get these numbers again: <code>{shlex.join(['baqueano', *line])}</code>" in told
+    page = html.unescape((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert f"To get these numbers again: <code>{shlex.join(['baqueano', *line])}</code>" in page
 
 
 def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
@@ -244,5 +244,5 @@ def test_with_a_camera_the_estimator_is_one_that_corrects_a_pose(baqueano, tmp_p
 
     text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'
     (tmp_path / "identifiability.toml").write_text(text, encoding="utf-8")
-    said = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
-    assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose by camera' in said
+    printed = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
+    assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose by camera' in printed

@@ -40,8 +40,8 @@ def test_a_slow_swell_is_an_error_and_hardly_uneven():
 
 
 def test_speed_that_follows_a_changing_reference_is_even():
-    asked = 0.2 + 0.1 * np.sign(np.sin(T_S))
-    assert evenness.pace(T_NS, asked, asked) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    requested = 0.2 + 0.1 * np.sign(np.sin(T_S))
+    assert evenness.pace(T_NS, requested, requested) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
 def test_the_start_from_rest_is_left_out():
@@ -145,10 +145,10 @@ def a_run(at, u, vehicle_text, **extra):
     nu = np.column_stack([np.where(driving, 0.2, 0.0), 0 * at, 0 * at])
     eta = np.column_stack([0.01 * np.cumsum(nu[:, 0]), 0 * at, 0 * at])
     true = nu + np.array([0.02, 0.0, 0.0])
-    believed = nu + np.array([0.01, 0.0, 0.0])
+    velocity = nu + np.array([0.01, 0.0, 0.0])
     parts = {
         "sent": u,
-        "estimate": EstimateLog(t_ns, eta + 0.001, believed, np.tile(1e-4 * np.eye(6), (len(at), 1, 1))),
+        "estimate": EstimateLog(t_ns, eta + 0.001, velocity, np.tile(1e-4 * np.eye(6), (len(at), 1, 1))),
         "reference": ReferenceLog(t_ns, eta, nu, (~driving).astype(float)),
         "truth": TruthLog(t_ns, eta, true, 0 * true),
     }

@@ -93,12 +93,12 @@ def test_it_keeps_every_promise_of_a_controller(law):
 @pytest.mark.parametrize("law", LAWS)
 def test_compiled_and_as_written_it_gives_the_same_command(law):
     controller = SMALL.controller(law)
-    now, asked = estimate([0.1, -0.2, 3.1], [0.2, 0.01, 0.3]), reference([0.15, -0.2, -3.1], [0.2, 0.0, 0.4])
-    plain = controller.step(controller.init(), asked, now)
+    now, target = estimate([0.1, -0.2, 3.1], [0.2, 0.01, 0.3]), reference([0.15, -0.2, -3.1], [0.2, 0.0, 0.4])
+    plain = controller.step(controller.init(), target, now)
     for backend in ("c", "python"):
-        step = function(controller.step, controller.init(), asked, now, backend=backend)
+        step = function(controller.step, controller.init(), target, now, backend=backend)
         np.testing.assert_allclose(
-            step(controller.init(), asked, now)[1].u, plain[1].u, rtol=1e-12, atol=1e-14
+            step(controller.init(), target, now)[1].u, plain[1].u, rtol=1e-12, atol=1e-14
         )
 
 

@@ -81,9 +81,9 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
     for _ in range(5):
         teacher, before = come(), len(turns)
         teacher.line.sendall(STOP)
-        while (said := teacher.hear())["is"] == "state":
+        while (message := teacher.hear())["is"] == "state":
             pass
-        assert said == {"is": "heard", "do": "stop"}
+        assert message == {"is": "heard", "do": "stop"}
         at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
         assert at - before <= 8 * SHARE  # of millions that are said meanwhile
         door.operator.forget(door.operator.why(False))
@@ -119,9 +119,9 @@ def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(doo
         assert list(guest.receive()) == [STOP.rstrip()]
     one = come()
     one.line.sendall(RUNS * (4 * BACKLOG))
-    while (said := one.hear())["is"] == "runs":
+    while (message := one.hear())["is"] == "runs":
         pass
-    assert said["about"]["code"] == "door.too-many"
+    assert message["about"]["code"] == "door.too-many"
 
 
 def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():

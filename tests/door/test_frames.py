@@ -109,11 +109,11 @@ def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
 
 def test_progress_grows_over_all_laps_and_an_eights_crossing_is_not_a_short_cut():
     for route, laps in ((shapes.circle(0.5, 0.3), 3), (shapes.eight(0.5, 0.3), 2)):
-        along, found = AlongRoute(route), []
+        along, places = AlongRoute(route), []
         for _ in range(laps):
             for x, y in route.eta[::10, :2]:
-                found.append(along.where([x, y + 0.0]))
-        s, cross = np.array(found).T
+                places.append(along.where([x, y + 0.0]))
+        s, cross = np.array(places).T
         assert np.all(np.diff(s) > -1e-9)
         assert s[-1] == pytest.approx(laps * along.length_m, rel=0.02)
         np.testing.assert_allclose(cross, 0.0, atol=1e-6)

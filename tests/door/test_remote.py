@@ -28,7 +28,7 @@ class Vehicle:
         self.folder, self.operator = folder, Operator()
         self.door = Door(folder / "door", self.operator, folder)
         self.door.tell({"is": "state", "state": "READY", "why": None})
-        self.drives, self.asked = lambda name: [], threading.Event()
+        self.drives, self.requested = lambda name: [], threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._work)
         self._thread.start()

@@ -28,8 +28,8 @@ class Straight(NamedTuple):
 
 def as_fitted(file, key="model.actuator_matrix"):
     """The same file, whose model comes from a fit."""
-    told = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), None, "USABLE")
-    return file.with_values({key: np.asarray(file.value(key)).tolist()}, {key: told})
+    provenance = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), None, "USABLE")
+    return file.with_values({key: np.asarray(file.value(key)).tolist()}, {key: provenance})
 
 
 def random_vehicle(seed):

@@ -160,8 +160,8 @@ class Telling(Repeat):
 def test_a_guide_inside_of_another_tells_what_it_has_to_tell():
     guide = Telling.along(ROUTE)
     run = repeat(SMALL, ROUTE, guide=guide, eta=ROUTE.eta[0] + (0.1, 0.3, 0.0), way_back=True, duration_s=0.1)
-    told = [event.diagnostic.code for event in run.events if event.source == "guide"]
-    assert told == ["drive.on-mark"] * len(run.t_ns)
+    codes = [event.diagnostic.code for event in run.events if event.source == "guide"]
+    assert codes == ["drive.on-mark"] * len(run.t_ns)
 
 
 def test_a_run_says_where_the_text_of_a_block_is_not_known():
@@ -169,8 +169,10 @@ def test_a_run_says_where_the_text_of_a_block_is_not_known():
     del linecache.cache["<cell 2>"]
     run = drive_with(controller=mine)
     assert "controller.text" not in run.metadata
-    (said,) = [e.diagnostic for e in run.events if e.diagnostic and e.diagnostic.code == "drive.text-unknown"]
-    assert said.figures == {"room": "controller", "block": "InACell"}
+    (event,) = [
+        e.diagnostic for e in run.events if e.diagnostic and e.diagnostic.code == "drive.text-unknown"
+    ]
+    assert event.figures == {"room": "controller", "block": "InACell"}
 
 
 @pytest.mark.parametrize(

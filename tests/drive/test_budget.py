@@ -67,10 +67,10 @@ def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
     lifted = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")
 
     class Lifted(Observer):
-        said = iter([None] * 20 + [lifted] + [None] * 1000)
+        answers = iter([None] * 20 + [lifted] + [None] * 1000)
 
         def why(self, t_ns):
-            return next(self.said)
+            return next(self.answers)
 
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",

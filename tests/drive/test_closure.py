@@ -75,20 +75,20 @@ def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
     for seed in (11, 12, 13):
         run = driven(file, [2.0 * np.pi, 6.0 * np.pi], seed)
         assert len(marks_of(run)) == 3
-        found = closure(run, file)
-        assert found.turns == 3
-        assert abs(found.scale - TRUE) < 2.0 * found.sd < 0.01
-        assert found.values == {
-            "sensors.imu.gyro_scale": pytest.approx(found.scale, rel=1e-4),
-            "sensors.imu.gyro_scale_std": pytest.approx(found.sd / found.scale, rel=0.05),
+        loop = closure(run, file)
+        assert loop.turns == 3
+        assert abs(loop.scale - TRUE) < 2.0 * loop.sd < 0.01
+        assert loop.values == {
+            "sensors.imu.gyro_scale": pytest.approx(loop.scale, rel=1e-4),
+            "sensors.imu.gyro_scale_std": pytest.approx(loop.sd / loop.scale, rel=0.05),
         }
-        assert f"--set sensors.imu.gyro_scale={found.values['sensors.imu.gyro_scale']}" in found.table()
+        assert f"--set sensors.imu.gyro_scale={loop.values['sensors.imu.gyro_scale']}" in loop.table()
 
 
 def test_turns_to_the_right_tell_the_same(file):
-    found = closure(driven(file, [-4.0 * np.pi]), file)
-    assert found.turns == -2
-    assert abs(found.scale - TRUE) < 2.0 * found.sd
+    loop = closure(driven(file, [-4.0 * np.pi]), file)
+    assert loop.turns == -2
+    assert abs(loop.scale - TRUE) < 2.0 * loop.sd
 
 
 def test_half_a_turn_is_refused(file):
@@ -131,9 +131,9 @@ def test_the_scale_of_the_wheels_takes_a_length_and_no_closure_tells_it(tmp_path
     assert set(closure(run, file).values) == {"sensors.imu.gyro_scale", "sensors.imu.gyro_scale_std"}
     inside = (run.truth.t_ns >= marks_of(run)[0]) & (run.truth.t_ns <= marks_of(run)[1])
     length_m = float(np.sum(run.truth.nu[inside, 0]) / file.rate_hz)
-    found = closure(run, file, length_m)
-    np.testing.assert_allclose(found.values["sensors.wheels.radius_scale"], 1.05, rtol=0.005)
-    assert f"of {length_m:g} m" in found.table()
+    loop = closure(run, file, length_m)
+    np.testing.assert_allclose(loop.values["sensors.wheels.radius_scale"], 1.05, rtol=0.005)
+    assert f"of {length_m:g} m" in loop.table()
 
 
 def test_a_loop_that_is_driven_larger_closes_as_well():

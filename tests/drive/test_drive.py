@@ -202,14 +202,14 @@ def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     keep = (run.t_ns < 2_000_000_000) | (run.t_ns > 3_000_000_000)
     imu = run.sensors["imu"]
-    heard = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
+    received = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
     torn = replace(
         run,
         t_ns=run.t_ns[keep],
         applied=run.applied[keep],
         requested=run.requested[keep],
         sent=run.sent[keep],
-        sensors={"imu": Channel(*(column[heard] for column in imu))},
+        sensors={"imu": Channel(*(column[received] for column in imu))},
     )
     once = replay(torn, FILE)
     assert once.events[0].text == "101 silent ticks were put where the recording has holes"
@@ -249,8 +249,8 @@ def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):
 def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():
     heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
     u = np.tile([0.5, 0.0, 0.0], (100, 1))
-    believed, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
-    assert real.truth.nu[-1, 0] < 0.8 * believed.truth.nu[-1, 0]
+    same, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
+    assert real.truth.nu[-1, 0] < 0.8 * same.truth.nu[-1, 0]
 
 
 def test_worlds_and_files_of_different_kinds_do_not_meet():
@@ -261,8 +261,8 @@ def test_worlds_and_files_of_different_kinds_do_not_meet():
 
 
 def test_progress_is_reported():
-    seen = []
-    experiment(FILE, np.zeros((200, 3)), observers=[Progress(seen.append)])
-    assert seen[0] == pytest.approx(0.01)
-    assert len(seen) == 5
-    assert np.all(np.diff(seen) > 0.0)
+    progress = []
+    experiment(FILE, np.zeros((200, 3)), observers=[Progress(progress.append)])
+    assert progress[0] == pytest.approx(0.01)
+    assert len(progress) == 5
+    assert np.all(np.diff(progress) > 0.0)

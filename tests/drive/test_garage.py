@@ -43,11 +43,11 @@ def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_
     steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8
     run = experiment(file, np.repeat(steps, round(file.rate_hz / 2), axis=0), seed=6)
     assert stop_of(run) is None
-    believed = file.vehicle
+    vehicle = file.vehicle
     for path, factor in WRONG[name].items():
-        believed = put(believed, path, get(believed, path) * factor)
+        vehicle = put(vehicle, path, get(vehicle, path) * factor)
     block = replace(
-        file.estimator(), vehicle=believed, disturbance_std=np.array([0.3, 3.0]), speed_from=speed_from
+        file.estimator(), vehicle=vehicle, disturbance_std=np.array([0.3, 3.0]), speed_from=speed_from
     )
     ekf = compiled(block)
     silent = example_tick(file).sensors

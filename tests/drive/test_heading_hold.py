@@ -41,9 +41,9 @@ class Drive:
 
     def tick(self, u=None, psi=0.0, r=0.0, v=0.3, innovation=None):
         self.hand.u = self.hand.u if u is None else u
-        told = (None, None) if innovation is None else (np.array(innovation), 1e-4 * np.eye(3))
+        correction = (None, None) if innovation is None else (np.array(innovation), 1e-4 * np.eye(3))
         estimate = Estimate(
-            self.k * TICK_NS, np.array([0.0, 0.0, psi]), np.array([v, 0.0, r]), np.eye(6), *told
+            self.k * TICK_NS, np.array([0.0, 0.0, psi]), np.array([v, 0.0, r]), np.eye(6), *correction
         )
         reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
         self.k += 1
@@ -121,15 +121,15 @@ def test_five_metres_with_wheels_that_differ_by_15_percent(name, yaw_gain):
     of, ahead, speed_m_s = VEHICLES[name]
     file = as_fitted(of())
     truth = body(file, yaw_gain)
-    free, held = (straight(file, truth, ahead, speed_m_s, hold) for hold in (False, True))
-    print(f"{name}, yaw gain {yaw_gain}: free {free.text()}; held {held.text()}")
-    assert abs(held.psi_deg) < 2.5
-    assert held.most_deg < 6.5
-    assert abs(held.beside_m) < 0.2
-    assert abs(free.psi_deg) > 5.0 * abs(held.psi_deg)
+    free, holding = (straight(file, truth, ahead, speed_m_s, hold) for hold in (False, True))
+    print(f"{name}, yaw gain {yaw_gain}: free {free.text()}; held {holding.text()}")
+    assert abs(holding.psi_deg) < 2.5
+    assert holding.most_deg < 6.5
+    assert abs(holding.beside_m) < 0.2
+    assert abs(free.psi_deg) > 5.0 * abs(holding.psi_deg)
     limit = AUTHORITY * file.command.limit[2]
-    assert np.all(np.abs(held.run.applied[:, 2]) <= limit)
-    late = np.convolve(held.run.applied[len(held.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
+    assert np.all(np.abs(holding.run.applied[:, 2]) <= limit)
+    late = np.convolve(holding.run.applied[len(holding.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
     assert np.ptp(late) < 0.05 * file.command.limit[2], "no swinging"
 
 
@@ -138,29 +138,31 @@ def test_five_metres_with_wheels_that_differ_by_15_percent(name, yaw_gain):
 def test_a_model_that_was_never_fitted_is_held_too(name, yaw_gain):
     of, ahead, speed_m_s = VEHICLES[name]
     file = of()
-    held = straight(file, body(file, yaw_gain), ahead, speed_m_s, True)
-    print(f"{name}, yaw gain {yaw_gain}, not fitted: {held.text()}")
-    assert abs(held.psi_deg) < 5.0
-    assert held.most_deg < 12.0
-    assert abs(held.beside_m) < 0.3
+    holding = straight(file, body(file, yaw_gain), ahead, speed_m_s, True)
+    print(f"{name}, yaw gain {yaw_gain}, not fitted: {holding.text()}")
+    assert abs(holding.psi_deg) < 5.0
+    assert holding.most_deg < 12.0
+    assert abs(holding.beside_m) < 0.3
 
 
 def test_backwards_too():
     file = as_fitted(vehicle_file.load("small"))
-    held = straight(file, body(file), -0.5, 0.1, True)
-    assert abs(held.psi_deg) < 1.5
-    assert abs(held.beside_m) < 0.1
+    holding = straight(file, body(file), -0.5, 0.1, True)
+    assert abs(holding.psi_deg) < 1.5
+    assert abs(holding.beside_m) < 0.1
 
 
 @pytest.mark.parametrize("ahead", [0.5, -0.5])
 def test_a_car_whose_servo_is_off_by_two_degrees_goes_straight_both_ways(ahead):
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
     truth = override(file, ("model.steering_offset_rad=0.035",))
-    free, held = (straight(file, truth, ahead * file.command.limit[0], 1.0, hold) for hold in (False, True))
-    print(f"car: free {free.text()}; held {held.text()}")
+    free, holding = (
+        straight(file, truth, ahead * file.command.limit[0], 1.0, hold) for hold in (False, True)
+    )
+    print(f"car: free {free.text()}; held {holding.text()}")
     assert abs(free.psi_deg) > 60.0
-    assert abs(held.psi_deg) < 4.0
-    assert abs(held.beside_m) < 0.5
+    assert abs(holding.psi_deg) < 4.0
+    assert abs(holding.beside_m) < 0.5
 
 
 def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():

@@ -13,13 +13,13 @@ from baqueano.signals import Estimate
 from baqueano.vehicle_file import load
 
 
-def told(file, world=None, seconds=12.0, seed=1):
+def innovation_events(file, world=None, seconds=12.0, seed=1):
     u = random_steps(0.6 * np.asarray(file.command.limit), seconds, file.rate_hz, seed)
     run = experiment(file, u, seed=seed, **({} if world is None else {"world": world}))
     return [e for e in run.events if e.source == SOURCE]
 
 
-def said(nis, seconds=20.0):
+def reasons_for(nis, seconds=20.0):
     """What a listener says of innovations of this mean square, at 100 Hz."""
     health, rng, out = Health(), np.random.default_rng(0), []
     for k in range(round(100 * seconds)):
@@ -30,12 +30,12 @@ def said(nis, seconds=20.0):
 
 
 def test_a_right_model_is_never_warned_of():
-    assert said(1.0) == []
-    assert said(1.5) == []
+    assert reasons_for(1.0) == []
+    assert reasons_for(1.5) == []
 
 
 def test_a_wrong_model_is_warned_of_once():
-    (why,) = said(6.0)
+    (why,) = reasons_for(6.0)
     assert (why.code, why.fix) == ("model.fits-no-longer", "baqueano identify last")
     assert why.figures["times"] == pytest.approx(2.4, abs=0.05)
 
@@ -58,7 +58,7 @@ def small():
 
 
 def test_a_run_of_the_vehicle_that_was_identified_has_no_warning(small):
-    assert told(small) == []
+    assert innovation_events(small) == []
 
 
 @pytest.mark.parametrize("signal", ["random_steps", "multisine", "prbs", "ramps"])
@@ -83,11 +83,11 @@ def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
     other = small.with_values({"sensors.imu.gyro_scale": 0.3})
     u = random_steps(0.6 * np.asarray(small.command.limit), 15.0, small.rate_hz, 3)
     run = experiment(small, u, truth=other, seed=3)
-    told = [e for e in run.events if e.source == SENSORS_SOURCE]
-    assert told[0].level == "info"
-    first = told[0].diagnostic
+    events = [e for e in run.events if e.source == SENSORS_SOURCE]
+    assert events[0].level == "info"
+    first = events[0].diagnostic
     assert (first.code, first.subject) == ("sensor.scaled", "imu[2]")
-    (worse,) = [e.diagnostic for e in told if e.level == "warning"]
+    (worse,) = [e.diagnostic for e in events if e.level == "warning"]
     assert (worse.code, worse.subject) == ("sensor.degraded", "imu[2]")
     cause = worse.figures["cause"]
     assert (cause.code, cause.figures["off"].code) == ("sensor.scaled", "sensor.off-sensor")

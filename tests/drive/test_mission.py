@@ -69,7 +69,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "fault"),
     [
         ("{", ("mission.damaged", {})),
         ("{}", ("mission.damaged", {})),
@@ -77,8 +77,8 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
         ("[1]", ("mission.damaged", {})),
     ],
 )
-def test_what_is_not_a_mission_is_reported(text, said):
-    with refused(said[0], UsageError, **said[1]):
+def test_what_is_not_a_mission_is_reported(text, fault):
+    with refused(fault[0], UsageError, **fault[1]):
         Mission.of_json(text)
 
 

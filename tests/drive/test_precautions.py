@@ -31,13 +31,13 @@ def off_route(run, route):
     return away, np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
 
 
-def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, wanted=(0.0, 0.0, 0.0), degraded=()):
+def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0, 0.0, 0.0), degraded=()):
     """A tick of a drive."""
     t_ns, still = round(1e9 * t_s), np.zeros(3)
     cov = np.zeros((6, 6)) if cov is None else cov
     return Record(
         Tick(t_ns, still, silent({})), Command(t_ns, still), Command(t_ns, still),
-        Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(wanted), still, 0.0), degraded,
+        Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(velocity), still, 0.0), degraded,
     )  # fmt: skip
 
 
@@ -124,7 +124,7 @@ def test_a_sensor_that_is_off_slows_stops_and_is_named():
     assert code == StopReason.ESTIMATE_DOUBTFUL
     assert rows[38][1] is None
     assert rows[-1][1].figures["cause"].subject == "imu[2]"
-    assert [(level, said.code) for _, level, said in caution.events()] == [("warning", "caution.slow")]
+    assert [(level, event.code) for _, level, event in caution.events()] == [("warning", "caution.slow")]
 
 
 def test_what_may_be_the_model_only_slows_and_a_worn_model_does_not():
@@ -139,7 +139,11 @@ def test_a_doubt_that_ends_ends_the_slowness():
         caution, [(0.0, doubtful(SENSOR)), (2.0, ()), (3.0, doubtful(SENSOR)), (5.5, doubtful(SENSOR))]
     )
     assert [pace for pace, _ in rows] == [SLOW, 1.0, SLOW, SLOW]
-    assert [said.code for _, _, said in caution.events()] == ["caution.slow", "caution.over", "caution.slow"]
+    assert [event.code for _, _, event in caution.events()] == [
+        "caution.slow",
+        "caution.over",
+        "caution.slow",
+    ]
 
 
 def test_an_uncertain_position_is_a_doubt():
@@ -165,9 +169,9 @@ def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
 def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
     stuck, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
     for t_s in np.arange(0.0, 8.0, 0.1):
-        stuck.look(record(t_s, wanted=(0.2, 0.0, 0.0)))
-        waits.look(record(t_s, wanted=(0.02, 0.0, 0.0)))
-        goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), wanted=(9.0, 0.0, 0.0)))
+        stuck.look(record(t_s, velocity=(0.2, 0.0, 0.0)))
+        waits.look(record(t_s, velocity=(0.02, 0.0, 0.0)))
+        goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), velocity=(9.0, 0.0, 0.0)))
     assert stuck.why(4_900_000_000) is None
     assert stuck.why(5_100_000_000).code == StopReason.STUCK
     assert waits.why(7_950_000_000) is None

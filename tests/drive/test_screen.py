@@ -46,16 +46,16 @@ def test_the_second_block_is_drawn_over_the_first():
     screen, status = Screen(), Status("robot")
     first = screen.frame(lines(status))
     status.applied = np.array([0.3, 0.0, -1.0])
-    seen, at = shown(first + screen.frame(lines(status)))
-    assert seen[: len(lines(status))] == lines(status)
+    screen_lines, at = shown(first + screen.frame(lines(status)))
+    assert screen_lines[: len(lines(status))] == lines(status)
     assert at == len(lines(status))
-    assert "+0.30" in "".join(seen)
+    assert "+0.30" in "".join(screen_lines)
 
 
 def test_a_terminal_that_is_too_low_shows_the_end_of_the_block():
     block = lines(Status("robot"))
-    seen, _ = shown(Screen().frame(block, height=5))
-    assert seen[:4] == block[-4:]
+    screen_lines, _ = shown(Screen().frame(block, height=5))
+    assert screen_lines[:4] == block[-4:]
 
 
 def test_what_is_not_known_is_a_dash():

@@ -44,11 +44,11 @@ def python() -> list[str]:
 
 def environment(compiler: bool, cache: Path) -> dict[str, str]:
     """In which it finds the sources and the wheels, and a C compiler or none, as on a Pi without build-essential."""
-    found = {
+    paths = {
         "PYTHONHOME": str(SYSTEM / "usr"), "PYTHONPATH": f"{ROOT / 'src'}:{PACKAGES}", "PYTHONDONTWRITEBYTECODE": "1",
         "XDG_CACHE_HOME": str(cache), "PATH": "/nowhere",
     }  # fmt: skip
-    return found | ({"BAQUEANO_CC": shutil.which(COMPILER) or COMPILER} if compiler else {})
+    return paths | ({"BAQUEANO_CC": shutil.which(COMPILER) or COMPILER} if compiler else {})
 
 
 def make() -> None:

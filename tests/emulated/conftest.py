@@ -44,8 +44,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         packages = [p for name in getattr(item, "fixturenames", ()) for p in lacking.get(name, ())]
         if packages:
-            wanted = " ".join(dict.fromkeys(packages))
-            item.add_marker(pytest.mark.skip(reason=f"{item.name}: sudo apt-get install {wanted}"))
+            install = " ".join(dict.fromkeys(packages))
+            item.add_marker(pytest.mark.skip(reason=f"{item.name}: sudo apt-get install {install}"))
 
 
 @pytest.fixture(scope="session")

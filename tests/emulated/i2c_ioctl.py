@@ -111,11 +111,11 @@ def start(bench: Bench, **settings):
     from baqueano.robot.imu import driver as imu
     from baqueano.robot.imu.settings import ImuSettings
 
-    bench.said = []
+    bench.printed = []
     return imu.open(
         bench.path,
         settings=ImuSettings(**settings),
-        say=bench.said.append,
+        say=bench.printed.append,
         now_ns=bench.clock.now_ns,
         sleep=bench.clock.sleep,
     )

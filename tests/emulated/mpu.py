@@ -332,7 +332,7 @@ class EmulatedBus:
         self.spend = spend  # told how many ns each transfer took, by a test whose clock is not the wall's
         self.bus_hz = 400_000.0
         self.timeout_ns = 1_000_000_000  # the kernel's own, until I2C_TIMEOUT
-        self.held = False  # SDA held low
+        self.sda_low = False  # SDA held low
         self.faults: deque[int] = deque()  # errno of the transfers to come; 0 for a good one
         self.cut: int | None = None  # the next read ends with an error after so many bytes
         self.transfers = 0
@@ -347,7 +347,7 @@ class EmulatedBus:
         self.transfers += 1
         if any(reads for reads, _ in messages[:-1]):
             raise OSError(errno.EOPNOTSUPP, "i2c-bcm2835: only one read message, and that one last")
-        if self.held:
+        if self.sda_low:
             self._spend(self.timeout_ns)
             raise OSError(errno.ETIMEDOUT, "Connection timed out")
         sent = sum(1 + (int(what) if reads else len(what)) for reads, what in messages)  # type: ignore[arg-type]

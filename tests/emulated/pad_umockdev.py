@@ -38,7 +38,7 @@ class Machine:
             f"E: DEVNAME={node}\nE: SUBSYSTEM=input\nE: MAJOR=13\nE: MINOR={64 + number}\n"
         )
         handler = UMockdev.IoctlBase()
-        handler.connect("handle-ioctl", answered, lambda client: asked(device, client))
+        handler.connect("handle-ioctl", answered, lambda client: read_ioctl(device, client))
         handler.connect("handle-read", answered, lambda client: read(device, client))
         self.bed.attach_ioctl(node, handler)
         self.handlers.append(handler)
@@ -60,7 +60,7 @@ def answered(_handler, client, what) -> bool:
     return True
 
 
-def asked(device, client) -> int:
+def read_ioctl(device, client) -> int:
     """An ioctl that reads."""
     size = client.get_request() >> 16 & 0x3FFF
     answer = device.ioctl(client.get_request())

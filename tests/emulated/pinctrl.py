@@ -31,7 +31,7 @@ def new(bits: list[int], scl_held: bool = False) -> dict:
     }  # fmt: skip
 
 
-def seen(lines: dict) -> tuple[int, int]:
+def levels(lines: dict) -> tuple[int, int]:
     """SDA and SCL: high where nobody pulls."""
     pulled = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
     chip = [bool(lines["bits"]) and not lines["bits"][0], lines["scl_held"]]
@@ -40,10 +40,10 @@ def seen(lines: dict) -> tuple[int, int]:
 
 def change(lines: dict, pin: str, what: str, value: object) -> None:
     """One register is written, and the chip sees what that does to the lines."""
-    sda, scl = seen(lines)
+    sda, scl = levels(lines)
     lines[what][pin] = value
     lines["driven_high"] += any(lines["function"][p] == "op" and lines["level"][p] for p in ("2", "3"))
-    now_sda, now_scl = seen(lines)
+    now_sda, now_scl = levels(lines)
     if scl and now_scl and sda != now_sda:
         lines["bits"] = []
         lines["stops" if now_sda else "starts"] += 1
@@ -92,7 +92,7 @@ def tell(lines: dict, n: int) -> None:
     """The line of `get`."""
     function = lines["function"][str(n)]
     name = NAMES.get(function, "-")
-    level = "hi" if seen(lines)[n - 2] else "lo"
+    level = "hi" if levels(lines)[n - 2] else "lo"
     drive = "--" if function == "op" else "  "
     print(
         f"{n:2d}: {function:>2} {drive} -- | {level} // GPIO{n} = {name if isinstance(name, str) else name[n]}"
@@ -121,7 +121,7 @@ class Lines:
 
     def __bool__(self) -> bool:
         lines = self.read()
-        return set(lines["function"].values()) != {"a0"} or seen(lines) != (1, 1)
+        return set(lines["function"].values()) != {"a0"} or levels(lines) != (1, 1)
 
     def read(self) -> dict:
         return json.loads(self.path.read_text())

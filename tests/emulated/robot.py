@@ -68,7 +68,7 @@ class EmulatedRobot:
 
         self._step = function(step, self.state, np.zeros(2), np.zeros(3))
         options = {"now_ns": self._time, "start_ns": self.now_ns, "seed": seed + 1} | (chip or {})
-        self.chip = MpuEmulator(self._felt, **options)
+        self.chip = MpuEmulator(self._specific_force, **options)
         self.bus = EmulatedBus({0x68: self.chip}, lambda ns: None)
         self._folder = tempfile.TemporaryDirectory(prefix="emulated-")
         path = str(Path(self._folder.name) / "i2c-1")
@@ -121,14 +121,14 @@ class EmulatedRobot:
         truths, self._truths = self._truths, []
         return truths
 
-    def seen(self, t_ns: int) -> None:
+    def keep_truth(self, t_ns: int) -> None:
         """Keeps the truth of now under the time `t_ns` of a run."""
         self._truths.append((t_ns, self.motion))
 
     def _time(self) -> int:
         return self.now_ns
 
-    def _felt(self, t_ns: int) -> Any:
+    def _specific_force(self, t_ns: int) -> Any:
         return self._force
 
     def _shaken(self, z: np.ndarray) -> Any:
@@ -166,7 +166,7 @@ class EmulatedWorld(Robot):
         while True:
             due = round(k * 1e9 / rate_hz)
             self.robot.run_until(start + due)
-            self.robot.seen(due)
+            self.robot.keep_truth(due)
             yield due
             k += 1
 

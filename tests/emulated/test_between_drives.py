@@ -61,7 +61,7 @@ def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service
     service.folder.parent.write_text("no folder")
     service.take(spin(), True, "mine")
     looked(service, robot, 3)
-    done = [one for one in service.told if one["is"] == "done"][-1]
+    done = [one for one in service.messages if one["is"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
     assert "Type: ls -ld" in text(done["why"])
     assert service.machine.state is DoorState.READY
@@ -211,10 +211,10 @@ def mission_of(*settings):
 
 
 def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot):
-    own, seen = config_of(service.hardware, robot.uno.info), []
-    during(service, robot, 0.1, lambda: seen.append(robot.uno.info.config))
+    own, configs = config_of(service.hardware, robot.uno.info), []
+    during(service, robot, 0.1, lambda: configs.append(robot.uno.info.config))
     drive(service, mission_of("robot.least_battery_v=7.9", "robot.dead_man_s=0.2"))
-    assert [(config.least_battery_mv, config.dead_man_ms) for config in seen] == [(7900, 200)]
+    assert [(config.least_battery_mv, config.dead_man_ms) for config in configs] == [(7900, 200)]
     looked(service, robot, 60)
     assert robot.board.info().config == own
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
@@ -266,6 +266,6 @@ def test_nothing_piles_up_while_it_stands(service, robot):
 def test_what_happens_to_the_hardware_while_it_stands_is_reported_once(service, robot):
     robot.chip.brown_out()
     looked(service, robot, 60)
-    told = [text(m["said"]) for m in service.told if m["is"] == "event"]
-    assert len([text for text in told if "lost its supply" in text]) == 1
+    texts = [text(m["said"]) for m in service.messages if m["is"] == "event"]
+    assert len([text for text in texts if "lost its supply" in text]) == 1
     assert service.machine.state is DoorState.READY

@@ -70,9 +70,9 @@ def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_o
         (head + WHEELS + rest.split("[estimator]")[1]).replace("rate_hz = 100.0\n", "rate_hz = 50.0\n", 1),
         "wheels",
     )
-    told, ticks, pulled = [], [], []
+    messages, ticks, pulled = [], [], []
     with connected(str(name)) as uno:
-        service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), told.append)
+        service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), messages.append)
         (tmp_path / "runs").mkdir()
         looked(service, lambda: service.machine.state is DoorState.READY)
 
@@ -86,7 +86,7 @@ def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_o
         service.healthy = healthy
         service.take(spin(20.0, file=file), attended=False)
         assert pulled
-        done = [m for m in told if m["is"] == "done"][-1]
+        done = [m for m in messages if m["is"] == "done"][-1]
         assert done["why"].code in (
             StopReason.UNO_SILENT,
             StopReason.UNO_DEAD_MAN,

@@ -94,11 +94,11 @@ def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robo
         before = robot.motion.eta[2]
         bench.hold(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
         free, before = robot.motion.eta[2] - before, robot.motion.eta[2]
-        told = calibrate_motors._held_heading(bench, sign, 3.3)
-        print(f"free {np.degrees(free):.1f}°, held {np.degrees(told):.1f}°")
+        turn = calibrate_motors._held_heading(bench, sign, 3.3)
+        print(f"free {np.degrees(free):.1f}°, held {np.degrees(turn):.1f}°")
         assert abs(free) > np.radians(20.0)
-        assert abs(told) < 0.4 * abs(free)
-        assert told == pytest.approx(robot.motion.eta[2] - before, abs=np.radians(2.0))
+        assert abs(turn) < 0.4 * abs(free)
+        assert turn == pytest.approx(robot.motion.eta[2] - before, abs=np.radians(2.0))
 
 
 def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(robot, bench):
@@ -112,8 +112,8 @@ def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(
 
 
 def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, bench, monkeypatch):
-    felt = robot.chip.motion
-    robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), felt(t_ns)[1])
+    motion = robot.chip.motion
+    robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), motion(t_ns)[1])
     bench.uno.arm()
     with pytest.raises(
         AnswerNo, match=r"a change of speed of 0\.\d+ m/s .* too little to distinguish ahead from back"
@@ -129,8 +129,8 @@ def test_an_imu_whose_axes_are_not_known_yet_is_sent_to_its_own_calibration(robo
 
 
 def test_a_vehicle_in_somebodys_hands_is_not_driven(robot, bench):
-    felt = robot.chip.motion
-    robot.chip.motion = lambda t_ns: (felt(t_ns)[0], (0.0, 0.0, np.sin(1e-8 * t_ns)))
+    motion = robot.chip.motion
+    robot.chip.motion = lambda t_ns: (motion(t_ns)[0], (0.0, 0.0, np.sin(1e-8 * t_ns)))
     with pytest.raises(AnswerNo, match="does not stand still with its motors off"):
         calibrate(bench)
 
@@ -158,10 +158,10 @@ MINE = Settings(
 @pytest.mark.parametrize("what", ["imu", "uno", "ctrl-c"])
 def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, bench, what):
     robot.uno.keep(MINE, robot.wait)
-    said = []
+    texts = []
 
     def say(text):
-        said.append(text)
+        texts.append(text)
         if text.startswith("which motor"):
             if what == "ctrl-c":
                 raise KeyboardInterrupt
@@ -170,38 +170,38 @@ def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, ben
     with pytest.raises(KeyboardInterrupt if what == "ctrl-c" else SafetyStop):
         calibrate(bench, say)
     assert robot.uno.settings(robot.wait) == MINE
-    assert said[-1] == "the Uno keeps its old settings"
+    assert texts[-1] == "the Uno keeps its old settings"
     assert not robot.board.moving
 
 
 def test_an_uno_whose_cable_is_out_is_reported_as_half_calibrated_with_the_line_that_mends_it(robot, bench):
     robot.uno.keep(MINE, robot.wait)
-    said, line = [], (robot.write, robot.read)
+    texts, line = [], (robot.write, robot.read)
 
     def pulled(data=b""):
         raise OSError(5, "Input/output error")
 
     def say(text):
-        said.append(text)
+        texts.append(text)
         if text.startswith("which motor"):
             robot.write = robot.read = pulled
 
     with pytest.raises(SafetyStop, match="the Uno does not answer: is its cable plugged in"):
         calibrate(bench, say)
     assert not robot.board.moving
-    assert "keeps settings of a calibration that was not finished" in said[-1]
+    assert "keeps settings of a calibration that was not finished" in texts[-1]
     robot.write, robot.read = line
     assert robot.uno.settings(robot.wait) != MINE
-    words = said[-1].partition("baqueano robot settings --defaults ")[2].split()
-    wanted: dict[str, list[str]] = {}
+    words = texts[-1].partition("baqueano robot settings --defaults ")[2].split()
+    expected: dict[str, list[str]] = {}
     for word in words:
         name, _, text = word.removeprefix("--").partition("=")
-        wanted.setdefault(name, []).append(text)
-    assert changed(Settings(), wanted) == MINE
+        expected.setdefault(name, []).append(text)
+    assert changed(Settings(), expected) == MINE
 
 
 def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
-    found = ways(
+    way_list = ways(
         (
             Sweep(0.4, 0.3, 10.0, 0.0),
             Sweep(0.4, 0.3, 8.0, 0.0),
@@ -209,9 +209,9 @@ def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
             Sweep(0.4, 0.2, 9.0, 0.0),
         )
     )
-    reach = [way.slope_permille * gain for way, gain in zip(found, (10.0, 8.0, 10.0, 9.0), strict=True)]
+    reach = [way.slope_permille * gain for way, gain in zip(way_list, (10.0, 8.0, 10.0, 9.0), strict=True)]
     np.testing.assert_allclose(reach, 0.7 * 8.0 * 1000, rtol=1e-3)
-    assert max(way.dead_zone_permille + way.slope_permille for way in found) == 1000
+    assert max(way.dead_zone_permille + way.slope_permille for way in way_list) == 1000
 
 
 def test_a_sweep_that_moved_nothing_is_reported():

@@ -92,7 +92,7 @@ def test_rt18_five_minutes_with_a_clock_that_is_fast_end_as_they_began_and_nothi
 
     def look():
         stamps.look()
-        service.told.clear()
+        service.messages.clear()
         if stamps.n in (5000, 15_000) and stamps.n not in kept:
             gc.collect()
             uno = robot.uno

@@ -50,9 +50,9 @@ def test_r18_fw4_of_a_million_damaged_frames_not_one_moves_a_motor(host_firmware
 
     Without the seal of a command (frames.py (4)) CRC-16 alone lets one through in two of three such runs.
     """
-    told = counted(host_firmware, 2026, 1_000_000)
-    assert told["frames"] == 1_000_000
-    assert told["driven"] == told["changed"] == told["eeprom_writes"] == 0
+    counts = counted(host_firmware, 2026, 1_000_000)
+    assert counts["frames"] == 1_000_000
+    assert counts["driven"] == counts["changed"] == counts["eeprom_writes"] == 0
 
 
 def long_run(damaged: int) -> bool:

@@ -40,21 +40,21 @@ def counted(check):
 def test_an_uno_on_a_line_is_reported_with_its_figures(firmware):
     with on_pty(firmware) as live:
         for _ in range(5):  # a machine that stalls loses frames, too
-            found = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
-            if found["frames"].verdict == found["frames to the Uno"].verdict == "ok":
+            checks = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
+            if checks["frames"].verdict == checks["frames to the Uno"].verdict == "ok":
                 break
-    assert found["serial line"].figure == live.path
-    assert found["firmware"].verdict == "ok"
-    assert "ms, at most" in found["link round trip"].figure
-    assert " came, 0 lost, 0 damaged" in found["frames"].figure
-    sent, *rest = counted(found["frames to the Uno"])
+    assert checks["serial line"].figure == live.path
+    assert checks["firmware"].verdict == "ok"
+    assert "ms, at most" in checks["link round trip"].figure
+    assert " came, 0 lost, 0 damaged" in checks["frames"].figure
+    sent, *rest = counted(checks["frames to the Uno"])
     assert sent >= 50, "half a second of commands"
     assert rest == [0, 0, 0, 0]
-    assert found["Uno's start"].verdict == "ok"
-    assert found["battery"].figure.startswith(("7.3", "7.4"))
-    assert found["motors"].figure == "not calibrated"
-    assert found["Uno's memory"].verdict == "ok"
-    assert int(found["Uno's memory"].figure.split()[0]) > 1000
+    assert checks["Uno's start"].verdict == "ok"
+    assert checks["battery"].figure.startswith(("7.3", "7.4"))
+    assert checks["motors"].figure == "not calibrated"
+    assert checks["Uno's memory"].verdict == "ok"
+    assert int(checks["Uno's memory"].figure.split()[0]) > 1000
 
 
 def test_an_uno_whose_memory_is_nearly_used_up_is_reported(robot):
@@ -68,42 +68,42 @@ def test_an_uno_that_was_asked_before_and_not_reset_obeys_who_asks_again(firmwar
     with on_pty(firmware) as live:
         for _ in range(5):
             list(uno_checks.uno(live.path, 0.0, seconds=0.6))
-            found = by_name(uno_checks.uno(live.path, 0.0, seconds=0.6))
-            if found["frames"].verdict == "ok":
+            checks = by_name(uno_checks.uno(live.path, 0.0, seconds=0.6))
+            if checks["frames"].verdict == "ok":
                 break
-    assert counted(found["frames to the Uno"])[1:] == [0, 0, 0, 0]
+    assert counted(checks["frames to the Uno"])[1:] == [0, 0, 0, 0]
 
 
 def test_a_well_robot_is_well(robot):
     robot.uno.keep(Settings(ways=(Way(300, 700, 0),) * 4), robot.wait)
-    found = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
-    assert {check.verdict for check in found.values()} == {"ok"}, found
+    checks = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    assert {check.verdict for check in checks.values()} == {"ok"}, checks
 
 
 def test_a_weak_battery_and_an_old_firmware_are_reported(robot):
     robot.board.set_battery(6.0)
     robot.wait(1.0)
     robot.uno.info = robot.uno.info._replace(version_major=0)
-    found = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
-    assert found["battery"][1:] == ("bad", found["battery"].figure, "Charge it")
-    assert found["firmware"].verdict == "warn"
-    assert "flash" in found["firmware"].remedy
+    checks = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    assert checks["battery"][1:] == ("bad", checks["battery"].figure, "Charge it")
+    assert checks["firmware"].verdict == "warn"
+    assert "flash" in checks["firmware"].remedy
 
 
 def test_a_line_that_loses_frames_is_reported(robot):
-    heard = robot.read
+    read = robot.read
     counts = []
 
     def lossy():
-        data = heard()
+        data = read()
         counts.append(data)
         return b"" if data and len(counts) % 10 == 0 else data
 
     robot.read = lossy
     robot.wait(2.0)
-    found = by_name(uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait))
-    assert found["frames"].verdict in ("warn", "bad")
-    assert "100 nF" in found["frames"].remedy
+    checks = by_name(uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait))
+    assert checks["frames"].verdict in ("warn", "bad")
+    assert "100 nF" in checks["frames"].remedy
 
 
 def looked_at(robot, seconds=2.0):
@@ -173,15 +173,15 @@ def test_an_uno_that_was_reset_meanwhile_has_no_name(robot):
 
 
 def test_the_imus_figures_are_those_of_the_chip(on_bus):
-    found = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait))
-    assert "MPU-6050" in found["IMU"].figure
-    assert found["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
-    assert found["IMU rate"].verdict == "ok"
-    assert found["IMU noise"].verdict == "ok"
-    assert found["IMU self-test"][1:3] == (
+    checks = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait))
+    assert "MPU-6050" in checks["IMU"].figure
+    assert checks["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
+    assert checks["IMU rate"].verdict == "ok"
+    assert checks["IMU noise"].verdict == "ok"
+    assert checks["IMU self-test"][1:3] == (
         "ok", "6 of 6 axes answer as at the factory, which says nothing of 0"
     )  # fmt: skip
-    assert "IMU scale" not in found
+    assert "IMU scale" not in checks
     on_bus.chip.self_test_error = -0.3
     weak = doctor.tested(on_bus.imu, on_bus.wait)
     assert weak.verdict == "warn"
@@ -219,9 +219,9 @@ def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
 
 def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_reported(on_bus):
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 6.0 + t_ns % 7), (0.0, 0.0, 0.0))
-    found = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))
-    assert found["IMU noise"].verdict == "warn"
-    assert "moved during the self-test" in found["IMU self-test"].figure
+    checks = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))
+    assert checks["IMU noise"].verdict == "warn"
+    assert "moved during the self-test" in checks["IMU self-test"].figure
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 7.0), (0.0, 0.0, 0.0))
     on_bus.wait(0.2)
     assert by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))["IMU scale"].remedy == "Replace the IMU"

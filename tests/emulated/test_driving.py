@@ -64,7 +64,7 @@ class Driver:
         self.service.healthy = self.each_tick
         with self.cockpit:
             self.service.take(packed(Mission("teach"), vehicle_file.load("small")), True)
-        done = [m for m in self.service.told if m["is"] == "done"][-1]
+        done = [m for m in self.service.messages if m["is"] == "done"][-1]
         return done, read_run(self.service.folder / done["run"])
 
 
@@ -72,12 +72,12 @@ class Driver:
 def driver(firmware, monkeypatch, tmp_path):
     robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
     robot.wait(0.1)
-    told = []
+    messages = []
     service = Service(
         robot.uno, robot.imu, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns),
-        told.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
+        messages.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
-    service.told = told
+    service.messages = messages
     for _ in range(5):
         service.idle()
         robot.wait(0.05)
@@ -151,8 +151,8 @@ def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(dr
     moving = run.t_s[np.abs(run.applied[:, 2]) > 0.0]
     assert moving[0] == pytest.approx(0.3, abs=0.08)
     assert moving[-1] == pytest.approx(0.9, abs=0.12)
-    seen = [m for m in at.service.told if m["is"] == "state" and m.get("u")]
-    assert max(m["yaw_rate_rad_s"] for m in seen) > 0.5
+    states = [m for m in at.service.messages if m["is"] == "state" and m.get("u")]
+    assert max(m["yaw_rate_rad_s"] for m in states) > 0.5
 
 
 def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
@@ -176,7 +176,7 @@ def test_straight_on_is_held_and_a_turn_is_the_drivers_alone(driver):
     assert np.all(straight[:, 2] != 0.0)
     assert np.max(np.abs(straight[:, 2])) < 0.25
     assert np.all(turning[:, 2] == 0.8)
-    moving = [m for m in at.service.told if m["is"] == "state" and m.get("requested", (0.0,))[0]]
+    moving = [m for m in at.service.messages if m["is"] == "state" and m.get("requested", (0.0,))[0]]
     at.cockpit.status.requested = np.array([0.8, 0.0, 0.0])
     at.cockpit.show(moving[3])
     assert at.cockpit.status.hold == moving[3]["requested"][2] != 0.0

@@ -43,7 +43,7 @@ def screens(service, vehicle, live, tmp_path):  # noqa: F811
                 screen.type(W_DOWN)
                 if until(live.moving, PATIENCE_S / 4.0):
                     return screen
-            assert time.monotonic() < end, screen.heard[-2000:]
+            assert time.monotonic() < end, screen.output[-2000:]
             screen.close()
 
     yield opens
@@ -64,7 +64,7 @@ def test_a_key_drives_the_firmware_and_a_mark_is_in_the_run_that_comes_back(scre
         code = screen.ends()
         why, run = ended(service[1], tmp_path / "there")
         assert code == 0 or (stalled(run, live.lost_s - lost_s) and time.monotonic() < end), why
-    assert re.search(rb"vehicle \d+ ms", screen.heard)
+    assert re.search(rb"vehicle \d+ ms", screen.output)
     assert len(marks_of(run)) == 1
     back = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: int(path.stem))
     assert len(marks_of(read_run(back))) == 1

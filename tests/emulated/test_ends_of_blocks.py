@@ -42,18 +42,18 @@ def repetition(folder, place, text, file):
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize(
-    ("end", "said"),
+    ("end", "message"),
     [
         ("sys.exit()", "SystemExit"), ("sys.exit('bye')", "SystemExit"), ("raise GeneratorExit", "GeneratorExit"),
         ("raise KeyboardInterrupt", "KeyboardInterrupt"), ("raise Odd", "Odd"),
     ],
 )  # fmt: skip
 def test_a_block_that_would_end_the_program_ends_its_mission_alone(
-    service, robot, tmp_path, place, end, said
+    service, robot, tmp_path, place, end, message
 ):
     done, run = drive(service, repetition(tmp_path, place, end, vehicle_file.load("small")))
     words = text(done["why"])
-    assert said in words
+    assert message in words
     assert "bye" in words or "bye" not in end
     assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
     assert place == "top" or "Mine" in words

@@ -27,14 +27,14 @@ from tests.emulated.realtime import on_pty
 def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
     firmware, monkeypatch, in_chip_axes, axes
 ):
-    asked = []
+    calls = []
 
     class Chip:
         def close(self):
-            asked.append("closed")
+            calls.append("closed")
 
     def chip(bus, *, address, settings, say):
-        asked.append((bus, address, settings.axes, settings.accel_range_g))
+        calls.append((bus, address, settings.axes, settings.accel_range_g))
         return Chip()
 
     monkeypatch.setattr(imu, "open", chip)
@@ -44,7 +44,7 @@ def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
             assert bench.uno.info.protocol == 1
             assert bench.uno.settings().driver == 1
         assert not live.moving()
-    assert asked == [(1, 104, axes, 4), "closed"]
+    assert calls == [(1, 104, axes, 4), "closed"]
 
 
 def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeypatch):
@@ -53,10 +53,10 @@ def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeyp
         vehicle_file.load("small").robot, imu_bus=7.0, imu_address=105.0, imu_axes=("-y", "x", "z"),
         imu_accel_range_g=16.0, imu_gyro_range_dps=500.0, imu_filter=5.0,
     )  # fmt: skip
-    asked = []
+    calls = []
 
     def chip(bus, *, address, settings, say):
-        asked.append((bus, address, settings))
+        calls.append((bus, address, settings))
         raise RobotUnreachable("it is only looked at")
 
     monkeypatch.setattr(imu, "open", chip)
@@ -69,7 +69,7 @@ def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeyp
     with pytest.raises(RobotUnreachable):
         imu.of(hardware, print)
     settings = ImuSettings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
-    assert asked == [(7, 105, settings)] * 3
+    assert calls == [(7, 105, settings)] * 3
 
 
 def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_path, monkeypatch):

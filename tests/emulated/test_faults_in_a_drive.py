@@ -121,15 +121,17 @@ def test_it_repeats_a_circle_over_a_line_that_harms_what_passes(vehicle, noise, 
     assert done["why"] is None
     assert across(run) < 0.1
     assert end(robot, run) < (0.2 if noise else 0.1), "where it really is; 0.04 m over a line that is well"
-    _, unsent, heard, lost, late, damaged, resets = counted(run)
+    _, unsent, received, lost, late, damaged, resets = counted(run)
     assert (unsent, resets) == (0, 0)
     assert last(run, LINE_SOURCE).level == "warning"
     if noise:
-        assert lost / (heard + lost) == pytest.approx(0.9, abs=0.03)  # 46 bytes are whole with 0.95⁴⁶ = 9 %
+        assert lost / (received + lost) == pytest.approx(
+            0.9, abs=0.03
+        )  # 46 bytes are whole with 0.95⁴⁶ = 9 %
         assert damaged > 800
     else:
-        assert late / heard == pytest.approx(0.18, abs=0.04)
-        assert lost / heard == pytest.approx(0.09, abs=0.03), (
+        assert late / received == pytest.approx(0.18, abs=0.04)
+        assert lost / received == pytest.approx(0.09, abs=0.03), (
             "one of each swapped pair was not there in its turn"
         )
         assert damaged == 0
@@ -143,15 +145,15 @@ def test_a_run_ends_with_what_the_uno_itself_counted_of_what_was_sent_to_it(vehi
     line.noise = noise
     done, run = drive(service, spin(5.0))
     assert done["why"] is None
-    told = last(run, UNO_SOURCE)
-    n = told.diagnostic.figures
+    event = last(run, UNO_SOURCE)
+    n = event.diagnostic.figures
     sent, damaged, ignored, lost = n["written"], n["spoilt"], n["ignored"], n["overrun"]
     assert sent > 500
     assert 0 <= robot.board.info().bad_crc - before.bad_crc - damaged <= 1
     assert damaged / sent == pytest.approx(16 * noise, abs=0.6 * 16 * noise)
     assert (ignored, lost) == (0, 0)
-    assert told.level == ("warning" if noise else "info")
-    assert told.diagnostic in [m["said"] for m in service.told if m["is"] == "event"], (
+    assert event.level == ("warning" if noise else "info")
+    assert event.diagnostic in [m["said"] for m in service.messages if m["is"] == "event"], (
         "whoever listens hears it"
     )
 
@@ -203,12 +205,12 @@ def test_a_run_ends_with_what_the_imu_itself_counted(vehicle, harmed):
     done, run = drive(service, spin(1.0))
     assert done["why"] is None
     assert [e.text for e in run.events if e.source == HARDWARE_SOURCE] == []
-    told = last(run, IMU_SOURCE)
-    counts = dict(told.diagnostic.figures)
+    event = last(run, IMU_SOURCE)
+    counts = dict(event.diagnostic.figures)
     assert counts.pop("samples") == pytest.approx(200, abs=5)
     harm = {"saturated": pytest.approx(10, abs=3), "retries": 1} if harmed else {}
     assert counts == dict.fromkeys(counts, 0) | harm
-    assert told.level == ("warning" if harmed else "info")
+    assert event.level == ("warning" if harmed else "info")
 
 
 ACCIDENTS = {  # what happens, motors off within [s], what the run says
@@ -221,7 +223,7 @@ ACCIDENTS = {  # what happens, motors off within [s], what the run says
 
 @pytest.mark.parametrize("accident", ACCIDENTS)
 def test_fw7_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle, accident):
-    act, within_s, says = ACCIDENTS[accident]
+    act, within_s, beginning = ACCIDENTS[accident]
     robot, service = vehicle()
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), act(robot.board)))
@@ -232,7 +234,7 @@ def test_fw7_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle,
     assert robot.board.off_since() - at_s[0] <= within_s
     figures = last(run, LINE_SOURCE).diagnostic.figures
     assert (figures["resets"], figures["cause"].code) == (1, StopReason.UNO_RESET)
-    assert figures["cause"].figures["cause"].startswith(says)
+    assert figures["cause"].figures["cause"].startswith(beginning)
     assert cleared(service, robot)
 
 
@@ -263,7 +265,7 @@ def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(vehicle)
 
 def hold(robot):
     """SDA is low from now on: each transfer takes the time that the driver told the kernel."""
-    robot.bus.held = True
+    robot.bus.sda_low = True
     robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
 
 
@@ -276,7 +278,7 @@ def test_a_held_bus_stops_the_drive_and_when_it_is_free_it_can_be_cleared(vehicl
     assert robot.board.off_since() - at_s[0] <= 0.56  # imu_timeout_s = 0.5
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert last(run, CLOCK_SOURCE).level == "warning", "each look at the bus took 40 ms, four ticks"
-    robot.bus.held = False
+    robot.bus.sda_low = False
     assert cleared(service, robot)
 
 
@@ -295,8 +297,8 @@ def test_rt6_an_imu_that_is_gone_for_less_than_half_a_second_is_gone_through(veh
     assert done["why"] is None
     gap_s = np.max(np.diff(run.sensors["imu"].t_ns)) / 1e9
     assert gap_s < 0.5
-    told = [e.text for e in run.events if e.source == HARDWARE_SOURCE]
-    assert any("lost its supply" in text for text in told) == (accident == "its supply")
+    texts = [e.text for e in run.events if e.source == HARDWARE_SOURCE]
+    assert any("lost its supply" in text for text in texts) == (accident == "its supply")
 
 
 def test_a_clone_imu_with_a_slow_clock_is_taught_and_repeats(vehicle):
@@ -340,10 +342,10 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehic
         service.take(spin(7.0), False)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    done = service.told[-1]
+    done = service.messages[-1]
     assert (done["code"], done["why"]) == (0, TEACHER if stopped else None)
     assert service.machine.state is (DoorState.STOPPED if stopped else DoorState.READY)
-    texts = [text(m["said"]) for m in service.told if m["is"] == "event"]
+    texts = [text(m["said"]) for m in service.messages if m["is"] == "event"]
     assert (
         texts[0]
         == "the disk is full, so the rest of this run is not stored (File too large); the drive goes on"

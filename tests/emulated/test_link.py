@@ -82,11 +82,11 @@ def test_an_encoder_that_falls_silent_is_reported_in_the_run_once_for_each_time(
         robot.board.encoder(0, 1500, start_s, start_s + 2.8)
 
     run = driven(robot, file, np.concatenate([ahead, pause, ahead]), left_alone)
-    told = [e for e in run.events if e.source == "hardware"]
-    assert len(told) == 2
-    assert all(e.text.startswith("the right encoder counts nothing, although") for e in told)
-    assert told[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
-    assert told[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
+    events = [e for e in run.events if e.source == "hardware"]
+    assert len(events) == 2
+    assert all(e.text.startswith("the right encoder counts nothing, although") for e in events)
+    assert events[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
+    assert events[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
 
 
 def test_a_reset_is_not_a_speed_of_a_wheel_and_no_line_on_the_floor(robot):
@@ -127,8 +127,8 @@ def test_encoders_of_which_nothing_is_wired_are_reported_in_one_sentence(robot):
     file = vehicle_file.load("small")
     robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
     run = driven(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
-    (told,) = hardware(run)
-    assert told.startswith(
+    (text,) = hardware(run)
+    assert text.startswith(
         "both encoders count nothing, although both motors have a high command. Does that wheel turn?"
     )
 

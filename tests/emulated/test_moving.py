@@ -12,7 +12,7 @@ from baqueano.robot.uno.frames import Config, DriveFlag, Settings, State, StateF
 def settle(uno, **settings):
     """Stores settings and waits until they are."""
     uno.send(Settings(**settings))
-    assert uno.told(Settings, 0.5) == Settings(**settings)
+    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 def duties(uno, after_s=0.0):
@@ -168,9 +168,9 @@ def test_r12_telemetry_tells_the_duty_at_the_pins_and_its_sum(uno):
         uno.drive(chance.randint(-1000, 1000), chance.randint(-1000, 1000))
         uno.run(chance.uniform(0.005, 0.04))
     uno.frames()
-    told = [r.frame for _, r in uno.transcript[first:] if isinstance(r.frame, State)]
+    states = [r.frame for _, r in uno.transcript[first:] if isinstance(r.frame, State)]
     rows = duties(uno)
-    assert len(told) > 150
+    assert len(states) > 150
     times, sums = sums_of(rows)
 
     def at(t_s):
@@ -178,10 +178,10 @@ def test_r12_telemetry_tells_the_duty_at_the_pins_and_its_sum(uno):
         k = bisect.bisect_right(times, t_s) - 1
         return rows[k][1:], [sums[k][c] + rows[k][1 + c] * (t_s - times[k]) for c in range(2)]
 
-    for state in told[1:-1]:
+    for state in states[1:-1]:
         duty, _ = at(state.t_us * 1e-6 + uno.clock_began_s)
         assert (state.left_permille, state.right_permille) == pytest.approx(duty, abs=1.0)
-    for one, two in zip(told[1:], told[40:], strict=False):
+    for one, two in zip(states[1:], states[40:], strict=False):
         start, end = (s.t_us * 1e-6 + uno.clock_began_s for s in (one, two))
         before, after = at(start)[1], at(end)[1]
         for column, name in enumerate(("left_sum", "right_sum")):

@@ -68,8 +68,8 @@ def test_the_pointer_goes_on_by_itself_except_at_the_fifo(chip):
     write(chip, FIFO_EN, 0xF8)
     write(chip, USER, 0x40)
     chip.run_until(50 * MS)
-    held = read(chip, COUNT, 2)
-    assert held == len(chip.fifo).to_bytes(2, "big")
+    count = read(chip, COUNT, 2)
+    assert count == len(chip.fifo).to_bytes(2, "big")
     before = len(chip.fifo)
     read(chip, FIFO, 28)
     assert len(chip.fifo) == before - 28
@@ -230,7 +230,7 @@ def test_a_bus_spends_its_time_and_its_timeout(chip):
     bus = EmulatedBus({0x68: chip}, spent.append)
     bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
     assert spent[-1] == pytest.approx(0.39e6, rel=0.03), "ns; 156 bits at 400 kHz"
-    bus.held = True
+    bus.sda_low = True
     with pytest.raises(OSError, match="timed out"):
         bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
     assert spent[-1] == 1_000_000_000

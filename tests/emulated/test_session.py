@@ -20,30 +20,30 @@ ARM = DriveFlag.ARM
 
 
 def test_r16_each_boot_draws_another_nonce(uno):
-    seen = [uno.info().nonce]
+    nonces = [uno.info().nonce]
     for k in range(20):
         if k % 2:
             uno.reset(ResetCause.EXTERNAL)
         else:
             uno.power_cycle(k)
-        seen.append(uno.told(Info, 0.1).nonce)
+        nonces.append(uno.next_frame(Info, 0.1).nonce)
         uno.frames()
-    assert all(a != b for a, b in itertools.pairwise(seen))
-    assert len(set(seen)) == len(seen)
+    assert all(a != b for a, b in itertools.pairwise(nonces))
+    assert len(set(nonces)) == len(nonces)
 
 
 def test_r16_a_boot_that_is_cut_short_does_not_bring_an_old_nonce_back(uno):
     """Resets at every moment of the first 20 ms: a nonce that was told is never told again."""
     chance = random.Random(5)
-    told = [uno.info().nonce]
+    nonces = [uno.info().nonce]
     for _ in range(40):
         uno.reset(ResetCause.BROWN_OUT)
         uno.run(chance.uniform(0, 0.02))
-        told += [f.nonce for f in uno.frames() if isinstance(f, State | Info)][-1:]
+        nonces += [f.nonce for f in uno.frames() if isinstance(f, State | Info)][-1:]
     uno.reset(ResetCause.BROWN_OUT)
-    last = uno.told(Info, 0.1).nonce
-    assert last not in told
-    assert sorted(told) == told
+    last = uno.next_frame(Info, 0.1).nonce
+    assert last not in nonces
+    assert sorted(nonces) == nonces
 
 
 def test_r16_fw4_a_command_with_another_nonce_is_counted_and_ignored(uno):
@@ -130,6 +130,6 @@ def test_r26_fw3_info_tells_who_speaks_and_what_holds(uno):
     assert info.reset_cause == ResetCause.POWER
     config = Config(500, 20, 100, 1000, 6000)
     uno.send(config)
-    assert uno.told(Info).config == config
+    assert uno.next_frame(Info).config == config
     uno.reset(ResetCause.EXTERNAL)
-    assert uno.told(Info, 0.1).config == Config(), "a configuration is that of a session"
+    assert uno.next_frame(Info, 0.1).config == Config(), "a configuration is that of a session"

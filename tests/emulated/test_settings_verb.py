@@ -68,14 +68,16 @@ def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
     )  # fmt: skip
     assert code == 0
     assert "right-backwards     0.140  1.000  0.500\nSET: kept in the Uno" in out
-    meant = Settings(
+    settings = Settings(
         Wiring.RIGHT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED | Wiring.MARK_ACTIVE_LOW, Driver.TB6612,
         Encoders.QUADRATURE, 20, 30, 7, 3127,
         (Way(110, 900, 500), Way(110, 1000, 500), Way(110, 1000, 500), Way(140, 1000, 500)),
     )  # fmt: skip
-    assert in_eeprom(live) == meant
+    assert in_eeprom(live) == settings
     code, out, _ = verb("--mark", "high", "--json")
-    assert StoredSettings.of(json.loads(out)["rows"]).settings == meant._replace(wiring=meant.wiring & ~64)
+    assert StoredSettings.of(json.loads(out)["rows"]).settings == settings._replace(
+        wiring=settings.wiring & ~64
+    )
     assert json.loads(out)["rows"][0]["mark"] == "high"
     assert verb("--defaults", "--bridge", "l293d")[0] == 0
     assert in_eeprom(live) == Settings(driver=Driver.L293D)
@@ -101,7 +103,7 @@ def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, li
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("--bridge", "drv8833"), "--bridge drv8833: expected one of l298n, tb6612, l293d."),
         (("--mark", "1"), "--mark 1: expected one of high, low."),
@@ -114,10 +116,10 @@ def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, li
         (("--kick", "left=0.1"), "--kick left=0.1: expected a wheel and direction with its number"),
     ],
 )  # fmt: skip
-def test_a_value_that_none_takes_is_refused_before_anything_is_opened(verb, live, words, said):
+def test_a_value_that_none_takes_is_refused_before_anything_is_opened(verb, live, words, message):
     code, out, err = verb(*words, host=("nobody@nowhere",))
     assert (code, out) == (2, "")
-    assert said in err
+    assert message in err
     assert verb(*words)[0] == 2
     assert in_eeprom(live) == Settings()
 

@@ -128,11 +128,11 @@ def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_reported(uno, interru
     uno.run(0.150)
     assert uno.resets == 1
     assert uno.off_since() - hung <= 0.150
-    told = uno.told(Info, 0.2) if not uno.frames() else uno.info()
-    assert told.nonce != before.nonce
-    assert told.reset_cause & ResetCause.WATCHDOG
-    assert told.reset_cause & ResetCause.WARM
-    assert bool(told.reset_cause & ResetCause.HUNG) == interrupts
+    info = uno.next_frame(Info, 0.2) if not uno.frames() else uno.info()
+    assert info.nonce != before.nonce
+    assert info.reset_cause & ResetCause.WATCHDOG
+    assert info.reset_cause & ResetCause.WARM
+    assert bool(info.reset_cause & ResetCause.HUNG) == interrupts
 
 
 def test_r6_a_hang_is_reported_even_where_the_boot_loader_hides_the_watchdog(uno):

@@ -19,7 +19,7 @@ from baqueano.robot.uno.frames import (
 
 def settle(uno, **settings):
     uno.send(Settings(**settings))
-    assert uno.told(Settings, 0.5) == Settings(**settings)
+    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 def counts(uno):
@@ -230,7 +230,7 @@ def test_r24_pong_tells_the_clock_of_a_resonator_that_is_off(new_uno, ppm):
     for token in (0xDEADBEEF, 1):
         uno.frames()
         arrived = uno.send(Ping(token))
-        pong = uno.told(Pong)
+        pong = uno.next_frame(Pong)
         assert pong.token == token
         clocks.append((arrived, pong.t_us * 1e-6))
         uno.run(2.0)
@@ -249,8 +249,8 @@ def test_r25_telemetry_comes_as_configured(uno, period_ms):
     before = len(uno.transcript)
     uno.run(20 * period_ms / 1000)
     uno.frames()
-    told = [r.frame for _, r in uno.transcript[before:] if isinstance(r.frame, State)]
-    gaps = [(b.t_us - a.t_us) / 1000 for a, b in itertools.pairwise(told)]
+    states = [r.frame for _, r in uno.transcript[before:] if isinstance(r.frame, State)]
+    gaps = [(b.t_us - a.t_us) / 1000 for a, b in itertools.pairwise(states)]
     assert len(gaps) >= 17
     assert all(gap == pytest.approx(period_ms, abs=1.0) for gap in gaps)
 
@@ -272,12 +272,12 @@ def test_r25_every_frame_is_whole_under_load(uno):
         uno.run(0.01)
     uno.run(0.05)
     uno.frames()
-    told = [r for _, r in uno.transcript[before:]]
+    frames = [r for _, r in uno.transcript[before:]]
     assert uno.decoder.bad_crc == uno.decoder.bad_shape == 0
-    sequences = [r.seq for r in told]
+    sequences = [r.seq for r in frames]
     assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(sequences)), "one lost on the way"
-    assert [r.frame.token for r in told if isinstance(r.frame, Pong)] == list(range(pings))
-    assert len([r for r in told if isinstance(r.frame, State)]) >= 100
+    assert [r.frame.token for r in frames if isinstance(r.frame, Pong)] == list(range(pings))
+    assert len([r for r in frames if isinstance(r.frame, State)]) >= 100
     info = uno.info()
     assert (info.bad_crc, info.bad_shape, info.old_sequence) == (0, 0, 0)
     assert uno.state().overruns == 0

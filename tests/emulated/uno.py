@@ -166,16 +166,16 @@ class EmulatedUno:
     def read_stamped(self) -> list[tuple[float, int]]:
         """The same with the times at which they arrived."""
         out, n = self.lib.rig_out(self.rig), self.lib.rig_outs(self.rig)
-        now, found = self.t_s, []
+        now, frames = self.t_s, []
         while self._read < n:
             arrived = out[self._read].cycle / self.hz + BYTE_S
             if arrived > now:
-                return found
-            found.append((arrived, out[self._read].byte))
+                return frames
+            frames.append((arrived, out[self._read].byte))
             self._read += 1
         self.lib.rig_clear_out(self.rig)
         self._read = 0
-        return found
+        return frames
 
     # Frames
 
@@ -193,7 +193,7 @@ class EmulatedUno:
         self.transcript += new
         return [received.frame for _, received in new]
 
-    def told(self, kind: type, within_s: float = 0.05) -> Frame:
+    def next_frame(self, kind: type, within_s: float = 0.05) -> Frame:
         """Runs until the firmware says a frame of this kind."""
         end = self.t_s + within_s
         while self.t_s < end:
@@ -207,7 +207,7 @@ class EmulatedUno:
         """Telemetry that was made after now."""
         now = self.t_s
         while True:
-            frame = self.told(State, 0.3)
+            frame = self.next_frame(State, 0.3)
             if self.transcript[-1][0] > now + 46 * BYTE_S:
                 return frame  # pyright: ignore[reportReturnType]
 
@@ -216,7 +216,7 @@ class EmulatedUno:
         self.run_until(self._line_free_s + 0.01)
         self.frames()
         self.send(AskInfo())
-        return self.told(Info)  # pyright: ignore[reportReturnType]
+        return self.next_frame(Info)  # pyright: ignore[reportReturnType]
 
     def drive(self, left: int, right: int, flags: int = DriveFlag.ARM, ttl_10ms: int = 0, **send) -> float:
         """A command with the nonce of this session, the pins read at once."""
@@ -224,11 +224,11 @@ class EmulatedUno:
 
     def nonce(self) -> int:
         if not any(isinstance(r.frame, State) for _, r in self.transcript):
-            self.told(State, 0.3)
+            self.next_frame(State, 0.3)
         return next(r.frame.nonce for _, r in reversed(self.transcript) if isinstance(r.frame, State))
 
     def arm(self) -> None:
-        self.told(State, 0.3)
+        self.next_frame(State, 0.3)
         self.run_until(self.drive(0, 0) + 1e-3)
 
     def hold(self, left: int, right: int, seconds: float, period_s: float = 0.02) -> None:
@@ -339,19 +339,19 @@ class EmulatedUno:
         return self.lib.rig_resets(self.rig)
 
     def eeprom(self) -> bytes:
-        held = bytes(1024)
-        self.lib.rig_eeprom_read(self.rig, 0, held, 1024)
-        return held
+        memory = bytes(1024)
+        self.lib.rig_eeprom_read(self.rig, 0, memory, 1024)
+        return memory
 
     def flash(self, at: int, n: int) -> bytes:
-        held = bytes(n)
-        self.lib.rig_flash_read(self.rig, at, held, n)
-        return held
+        memory = bytes(n)
+        self.lib.rig_flash_read(self.rig, at, memory, n)
+        return memory
 
     def ram(self, at: int, n: int) -> bytes:
-        held = bytes(n)
-        self.lib.rig_ram_read(self.rig, at, held, n)
-        return held
+        memory = bytes(n)
+        self.lib.rig_ram_read(self.rig, at, memory, n)
+        return memory
 
     def _put(self, what: int, place: int, value: int, at_s: float | None) -> None:
         cycle = round((self.t_s if at_s is None else at_s) * self.hz)

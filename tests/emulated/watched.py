@@ -15,10 +15,10 @@ from baqueano.cli import main
 from baqueano.robot.service.realtime import Systemd
 
 
-def told(**modules: Any) -> None:
+def write_line(**modules: Any) -> None:
     """A line."""
     with Path(os.environ["WATCHED"]).open("a", encoding="utf-8") as out:
-        out.write(json.dumps({name: sorted(found) for name, found in modules.items()}) + "\n")
+        out.write(json.dumps({name: sorted(names) for name, names in modules.items()}) + "\n")
 
 
 def watch_start() -> None:
@@ -27,7 +27,7 @@ def watch_start() -> None:
 
     def watched(self: Systemd, words: str) -> None:
         if words == "READY=1":
-            told(ready=sys.modules)
+            write_line(ready=sys.modules)
             watch_ticks()
         say(self, words)
 
@@ -49,7 +49,7 @@ def watch_ticks() -> None:
                 yield t_ns
         finally:
             if first:  # it began
-                told(late=late)
+                write_line(late=late)
 
     Service._ticks = watched
 

@@ -106,8 +106,8 @@ def test_es2_the_covariance_is_symmetric_and_positive_over_a_hundred_thousand_ti
         Tick(10_000_000 * np.arange(1, n + 1), u, Sensors(slots))
     )
     assert np.array_equal(cov, np.swapaxes(cov, 1, 2))
-    seen = cov[::97]
-    scale = np.sqrt(np.einsum("kii->ki", seen))
-    assert np.min(np.linalg.eigvalsh(seen / (scale[:, :, None] * scale[:, None, :]))) > 0.0
+    sample = cov[::97]
+    scale = np.sqrt(np.einsum("kii->ki", sample))
+    assert np.min(np.linalg.eigvalsh(sample / (scale[:, :, None] * scale[:, None, :]))) > 0.0
     assert np.isfinite(nu).all()
     assert np.array_equal(belief.cov, cov[-1])

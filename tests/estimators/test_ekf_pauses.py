@@ -211,15 +211,15 @@ def test_ticks_that_jitter_are_not_split_and_a_pause_is_in_rows_of_a_period():
     assert silent_times(5, 5 + 50 * MS, 100.0) == [5 + k * 10 * MS for k in (1, 2, 3, 4)]
     assert silent_times(0, 120 * MS + 1, 50.0) == [k * 20 * MS for k in range(1, 6)]
     assert max(np.diff([0, *silent_times(0, 990 * MS, 50.0), 990 * MS])) <= 25 * MS
-    held = silent_times(0, 5000 * MS, 100.0)
-    assert (len(held), held[-1]) == (98, 980 * MS), "and the last row moves for 20 ms"
+    rows = silent_times(0, 5000 * MS, 100.0)
+    assert (len(rows), rows[-1]) == (98, 980 * MS), "and the last row moves for 20 ms"
 
 
 def test_a_pause_makes_the_delay_of_the_commands_neither_longer_nor_shorter():
     """The car's 80 ms: a command that is new after a pause is felt four periods later, as without a pause."""
     block = ekf("car, ekf").block
 
-    def felt(times):
+    def efforts(times):
         belief = block.init()
         for t_ms in times:
             belief, _ = block.step(belief, tick("car", t_ms, u=(0.5 if t_ms > 520 else 0.0, 0.0)))
@@ -227,9 +227,11 @@ def test_a_pause_makes_the_delay_of_the_commands_neither_longer_nor_shorter():
                 yield belief.effort[0]
 
     after = range(540, 700, 20)
-    steady = list(felt([*range(20, 521, 20), *after]))
+    steady = list(efforts([*range(20, 521, 20), *after]))
     assert steady[:4] == [0.0] * 4
     assert steady[4] > 0.4
-    assert list(felt([20, 40, 520, *after])) == steady
+    assert list(efforts([20, 40, 520, *after])) == steady
     late = [t + 4 * (k % 2) for k, t in enumerate(range(20, 700, 20))]
-    assert list(felt(late))[:5] == pytest.approx(steady[:5], abs=0.11), "ticks that jitter keep their delay"
+    assert list(efforts(late))[:5] == pytest.approx(steady[:5], abs=0.11), (
+        "ticks that jitter keep their delay"
+    )

@@ -55,7 +55,7 @@ def kernel():
     return scan(ekf.step, ekf.init(), example)
 
 
-def seen(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
+def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
     """The filter over the commands of `run`, and over `z` (N, 3) in place of what its IMU said."""
     imu, t_ns = run.sensors["imu"], run.t_ns
     has: Any = np.ones(len(t_ns))
@@ -68,8 +68,8 @@ def seen(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
     y, S = out.innovation, out.innovation_cov
     refused = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
     health = Health()
-    told = [bool(health.check(int(t), Estimate(*one))) for t, *one in zip(t_ns, *out, strict=True)]
-    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refused, told)]
+    reasons = [bool(health.check(int(t), Estimate(*one))) for t, *one in zip(t_ns, *out, strict=True)]
+    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refused, reasons)]
     return Seen(out.nu - run.truth.nu, refused, *at)
 
 
@@ -90,7 +90,7 @@ def broken(run: Run, how: str) -> np.ndarray:
 def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_reported(kernel, run, how):
     """The bounds are twice the largest errors of an IMU that is whole. The gyro's gate is wide, for real cars turn as
     no model foretells: one that is shaken by 200 σ may move the yaw rate by 4."""
-    whole, s = seen(kernel, run), seen(kernel, run, broken(run, how))
+    whole, s = consequence(kernel, run), consequence(kernel, run, broken(run, how))
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
     assert np.mean(s.refused[at]) > 0.5
     assert not np.any(s.refused[~at])
@@ -100,7 +100,7 @@ def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_report
 
 
 def test_es6_a_sensor_that_is_whole_is_never_refused_and_nothing_is_reported(kernel, run):
-    s = seen(kernel, run)
+    s = consequence(kernel, run)
     assert not np.any(s.refused)
     assert np.isnan(s.told_at_s)
 
@@ -109,7 +109,7 @@ def test_es6_a_sensor_that_is_whole_is_never_refused_and_nothing_is_reported(ker
 def test_a_model_that_turns_half_or_twice_as_hard_is_reported_at_once_and_comes_right_where_it_stands(
     kernel, factor
 ):
-    s = seen(kernel, turning(factor))
+    s = consequence(kernel, turning(factor))
     moving, late = DRIVING & (t_s > REST_S + TOLD_S), t_s > END_S - 0.5 * STILL_S
     assert np.mean(s.refused[moving]) > 0.9
     assert REST_S < s.told_at_s < s.refused_at_s + TOLD_S
@@ -122,7 +122,7 @@ def test_es5_one_reading_in_ten_far_off_costs_a_tenth_at_most(kernel, run):
     z, sigma = run.sensors["imu"].z.copy(), np.sqrt(np.diag(SMALL.sensors.imu.cov))
     at = random.uniform(size=len(z)) < 0.1
     z[at] += 20.0 * sigma * random.choice([-1.0, 1.0], size=(int(np.sum(at)), 3))
-    whole, s = seen(kernel, run), seen(kernel, run, z)
+    whole, s = consequence(kernel, run), consequence(kernel, run, z)
     assert np.mean(s.refused) > 0.09
     rms, before = (np.sqrt(np.mean(x.error**2, axis=0)) for x in (s, whole))
     assert np.all(rms < 1.1 * before)

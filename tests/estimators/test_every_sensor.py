@@ -56,11 +56,11 @@ def _first(leaf):
 def test_an_estimate_stays_finite_and_its_error_within_what_it_claims(kind, estimator):
     file, run = driven(kind, SENSORS[kind])
     assert len(run.sensors[kind].z) > 0
-    found = through(file, run, estimator, ("imu", kind))
-    cov = found.cov
-    assert np.all(np.isfinite(found.eta))
+    estimate = through(file, run, estimator, ("imu", kind))
+    cov = estimate.cov
+    assert np.all(np.isfinite(estimate.eta))
     assert np.all(np.linalg.eigvalsh(cov[1:]) > -1e-12)
-    error = found.eta[-1] - run.truth.eta[-1]
+    error = estimate.eta[-1] - run.truth.eta[-1]
     error[2] = wrap(error[2])
     assert np.all(np.abs(error) < 5.0 * np.sqrt(np.diag(cov[-1])[:3]) + 0.02)
 

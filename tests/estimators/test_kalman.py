@@ -19,11 +19,11 @@ def test_numbers_one_by_one_give_what_all_at_once_give(seed):
     P, y, H, Q = _case(seed)
     S = H @ P @ H.T + Q
     K = np.linalg.solve(S, H @ P).T
-    found = correct(P, y, H, Q)
-    assert found.move == pytest.approx(K @ y, rel=1e-8, abs=1e-10)
-    assert found.cov == pytest.approx(P - K @ H @ P, rel=1e-7, abs=1e-9)
-    assert np.sum(found.e**2) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
-    assert np.sum(np.log(found.s)) == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-9, abs=1e-9)
+    correction = correct(P, y, H, Q)
+    assert correction.move == pytest.approx(K @ y, rel=1e-8, abs=1e-10)
+    assert correction.cov == pytest.approx(P - K @ H @ P, rel=1e-7, abs=1e-9)
+    assert np.sum(correction.e**2) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
+    assert np.sum(np.log(correction.s)) == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-9, abs=1e-9)
 
 
 def test_prediction_and_correction_are_those_of_filterpy():
@@ -37,10 +37,10 @@ def test_prediction_and_correction_are_those_of_filterpy():
     assert ahead.mean == pytest.approx(theirs.x)
     assert ahead.cov == pytest.approx(theirs.P)
     theirs.update(H @ theirs.x + y)
-    found = correct(ahead.cov, y, H, Q)
-    assert ahead.mean + found.move == pytest.approx(theirs.x)
-    assert found.cov == pytest.approx(theirs.P)
-    assert log_likelihood(found) - 1.5 * np.log(2.0 * np.pi) == pytest.approx(theirs.log_likelihood)
+    correction = correct(ahead.cov, y, H, Q)
+    assert ahead.mean + correction.move == pytest.approx(theirs.x)
+    assert correction.cov == pytest.approx(theirs.P)
+    assert log_likelihood(correction) - 1.5 * np.log(2.0 * np.pi) == pytest.approx(theirs.log_likelihood)
 
 
 def test_es3_covariance_stays_positive_where_a_measurement_is_almost_exact():
@@ -55,15 +55,15 @@ def test_a_considered_state_never_moves_and_its_uncertainty_counts():
     """Schmidt: a scale of unknown size acts on what is measured. The covariance is that of many draws."""
     P, H, Q = np.diag([1.0, 0.25]), np.array([[1.0, 2.0]]), np.array([0.5])
     estimated = np.array([1.0, 0.0])
-    found = correct(P, np.array([1.0]), H, Q, estimated)
-    assert found.move[1] == 0.0
-    assert found.cov[1, 1] == 0.25
+    correction = correct(P, np.array([1.0]), H, Q, estimated)
+    assert correction.move[1] == 0.0
+    assert correction.cov[1, 1] == 0.25
     rng = np.random.default_rng(0)
     x = rng.normal(size=(200_000, 2)) * np.sqrt(np.diag(P))
     z = x @ H[0] + np.sqrt(Q[0]) * rng.normal(size=len(x))
     gain = correct(P, np.array([1.0]), H, Q, estimated).move
     left = x - z[:, None] * gain
-    assert found.cov == pytest.approx(np.cov(left.T), abs=0.01)
+    assert correction.cov == pytest.approx(np.cov(left.T), abs=0.01)
 
 
 def test_a_weight_is_more_noise():

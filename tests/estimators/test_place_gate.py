@@ -110,10 +110,10 @@ def test_a_vehicle_that_was_carried_is_found_by_the_second_tag_that_says_so(driv
     carried = np.array([0.6, -0.5])
     moved, doubting = moved_by(driving, LATER, carried)
     assert moved == pytest.approx(np.zeros(2), abs=1e-3)
-    moved, found = moved_by(doubting, LATER, carried + 0.01)
+    moved, posterior = moved_by(doubting, LATER, carried + 0.01)
     assert moved == pytest.approx(carried, abs=0.05)
-    assert found.cov[2, 2] > 10.0 * doubting.cov[2, 2], "its heading may be off as well"
-    moved, _ = moved_by(found, LATER, np.array([0.01, 0.02]))
+    assert posterior.cov[2, 2] > 10.0 * doubting.cov[2, 2], "its heading may be off as well"
+    moved, _ = moved_by(posterior, LATER, np.array([0.01, 0.02]))
     assert np.all(np.abs(moved) > 0.005)
 
 
@@ -160,9 +160,9 @@ def test_a_camera_that_jumps_for_good_is_followed_after_a_second():
     )
     belief, at = block.init(), {}
     for k in range(1, 600):
-        seen = Slot(float(k % 4 == 0), np.array([1.0 if k > 200 else 0.0, 0.0, 0.0]))
+        slot = Slot(float(k % 4 == 0), np.array([1.0 if k > 200 else 0.0, 0.0, 0.0]))
         belief, estimate = block.step(
-            belief, Tick(k * 10_000_000, np.zeros(3), sensors(Slot(1.0, np.zeros(3)), seen))
+            belief, Tick(k * 10_000_000, np.zeros(3), sensors(Slot(1.0, np.zeros(3)), slot))
         )
         at[k] = estimate.eta[0]
     assert abs(at[295]) < 0.05

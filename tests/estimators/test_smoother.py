@@ -43,9 +43,9 @@ class Linear:
     def step(self, belief, tick):
         x = predict(Gaussian(belief.mean, belief.cov), lambda x: A @ x + tick.u, R)
         slot = tick.sensors.both
-        found = correct(x.cov, slot.z - H @ x.mean, H, Q)
-        mean = np.where(slot.has > 0.0, boxplus(x.mean, found.move), x.mean)
-        cov = np.where(slot.has > 0.0, found.cov, x.cov)
+        correction = correct(x.cov, slot.z - H @ x.mean, H, Q)
+        mean = np.where(slot.has > 0.0, boxplus(x.mean, correction.move), x.mean)
+        cov = np.where(slot.has > 0.0, correction.cov, x.cov)
         S = H @ x.cov @ H.T + Q
         return Belief(tick.t_ns, mean, cov), Estimate(
             tick.t_ns, mean[:3], mean[3:6], cov, slot.z - H @ x.mean, S
@@ -137,9 +137,9 @@ def circle(n, seed, start):
         motion = Motion(belief.mean[:3], belief.mean[3:6], belief.mean[6:], np.zeros(2))
         z.append([s.h(motion) + np.sqrt(np.diag(s.cov)) * rng.standard_normal(3) for s in SENSORS])
     z = np.array(z)
-    seen = np.zeros(n)
-    seen[-1] = 1.0
-    slots = BOTH(Slot(np.ones(n), z[:, 0], np.zeros(n)), Slot(seen, z[:, 1], np.zeros(n)))
+    has = np.zeros(n)
+    has[-1] = 1.0
+    slots = BOTH(Slot(np.ones(n), z[:, 0], np.zeros(n)), Slot(has, z[:, 1], np.zeros(n)))
     return np.array(truth), Tick(10_000_000 * np.arange(1, n + 1), u, slots)
 
 
@@ -184,8 +184,8 @@ def test_moving_and_turning_the_map_moves_and_turns_what_is_smoothed():
 def test_only_a_kalman_filter_can_be_smoothed():
     file = load("small")
     quiet = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(0.0, np.zeros(3))))
-    found = {}
+    smoothable = {}
     for kind in ("ekf", "unscented", "dead_reckoning", "complementary"):
         block = file.estimator(kind=kind)
-        found[kind] = can_be_smoothed(block, block.init(), quiet)
-    assert found == {"ekf": True, "unscented": True, "dead_reckoning": False, "complementary": False}
+        smoothable[kind] = can_be_smoothed(block, block.init(), quiet)
+    assert smoothable == {"ekf": True, "unscented": True, "dead_reckoning": False, "complementary": False}

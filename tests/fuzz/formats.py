@@ -184,10 +184,10 @@ def route(folder: Path) -> Iterator[Callable[[int], object]]:
     def read(number: int) -> object:
         generator = draw("route", number)
         _write(path, original, generator)
-        found = read_route(path)
-        if not all(np.all(np.isfinite(column)) for column in found[:3]):
+        route = read_route(path)
+        if not all(np.all(np.isfinite(column)) for column in route[:3]):
             raise Silent("a route with numbers that are not finite")
-        return Repeat.along(found), repr(found)
+        return Repeat.along(route), repr(route)
 
     yield read
 
@@ -257,20 +257,20 @@ class _Guest:
 
     def answered(self, word: bytes, number: int) -> bytes:
         """Return what the vehicle says until it answers the ping after a word; Hang where it does not."""
-        token, said = f"ping-{number}".encode(), b""
+        token, received = f"ping-{number}".encode(), b""
         try:
             self.line.sendall(word + b'\n{"do": "ping", "token": "' + token + b'"}\n')
-            while token not in said:
+            while token not in received:
                 more = self.line.recv(1 << 20)
                 if not more:
                     raise ConnectionError
-                said += more
+                received += more
         except TimeoutError:
             raise Hang from None
         except ConnectionError:  # it may let go of who says such a word, not of who comes next
             self.close()
             self.line = self._connected(self.path)
-        return said
+        return received
 
     def close(self) -> None:
         self.line.close()

@@ -63,20 +63,20 @@ def within(limit_s: float) -> Iterator[None]:
 
 def judge(read: Callable[[int], object], numbers: Iterable[int]) -> Judged:
     """Return what becomes of the inputs of these numbers."""
-    found = Judged()
+    outcome = Judged()
     for number in numbers:
         begun = time.perf_counter()
         try:
             with within(LONGEST_S):
                 read(number)
-            found.values += 1
+            outcome.values += 1
         except BaqueanoError as error:
-            found.errors[str(error.diagnostic.code)] += 1
+            outcome.errors[str(error.diagnostic.code)] += 1
             if error.diagnostic.code.startswith("error."):
-                found.findings.setdefault(f"an error without a code: {error!r}", []).append(number)
+                outcome.findings.setdefault(f"an error without a code: {error!r}", []).append(number)
         except (Exception, Hang) as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
             what = f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
-            found.findings.setdefault(what if not isinstance(error, Hang) else "hang", []).append(number)
-        found.slowest_s = max(found.slowest_s, time.perf_counter() - begun)
-    return found
+            outcome.findings.setdefault(what if not isinstance(error, Hang) else "hang", []).append(number)
+        outcome.slowest_s = max(outcome.slowest_s, time.perf_counter() - begun)
+    return outcome

@@ -125,16 +125,16 @@ def _lines(text: str, draw: random.Random, end: str) -> str:
     return end.join(lines)
 
 
-def _runs(text: str, wanted: Callable[[str], bool]) -> list[tuple[int, int]]:
+def _runs(text: str, matches: Callable[[str], bool]) -> list[tuple[int, int]]:
     """Return begin and end of the longest pieces of letters that are wanted."""
-    found, begin = [], None
+    spans, begin = [], None
     for k, letter in enumerate(text + "\n"):
-        if k < len(text) and wanted(letter):
+        if k < len(text) and matches(letter):
             begin = k if begin is None else begin
         elif begin is not None:
-            found.append((begin, k))
+            spans.append((begin, k))
             begin = None
-    return found
+    return spans
 
 
 def _number(text: str, draw: random.Random, end: str) -> str:

@@ -31,9 +31,9 @@ LEAST, MOST = 60, 20_000
 
 def numbers() -> Iterator[int]:
     """Yield the numbers of the inputs that are judged."""
-    asked = os.environ.get("BAQUEANO_FUZZ", "")
-    first, colon, last = asked.partition(":")
-    if asked:
+    numbers = os.environ.get("BAQUEANO_FUZZ", "")
+    first, colon, last = numbers.partition(":")
+    if numbers:
         yield from range(int(first) if colon else 0, int(last if colon else first))
         return
     end_s = time.monotonic() + SHARE_S
@@ -46,23 +46,23 @@ def test_a_damaged_input_is_an_error_of_ours_or_a_value(name, tmp_path, monkeypa
         pytest.skip("the door of a vehicle listens at a unix socket")
     monkeypatch.chdir(tmp_path)
     with FORMATS[name](tmp_path) as read:
-        found = judge(read, numbers())
-    print(f"{name}: {found.table}")
-    assert not found.findings, f"{name}: {found.table}\n{again(name, found)}"
+        outcome = judge(read, numbers())
+    print(f"{name}: {outcome.table}")
+    assert not outcome.findings, f"{name}: {outcome.table}\n{again(name, outcome)}"
 
 
-def again(name, found):
+def again(name, outcome):
     """Return the lines that judge the first input of each finding alone."""
     test = f"pytest tests/fuzz/test_fuzz.py -k 'damaged and {name}'"
     return "\n".join(
         f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ={at[0]}:{at[0] + 1} {test}"
-        for at in found.findings.values()
+        for at in outcome.findings.values()
     )
 
 
 def test_a_finding_is_judged_again_by_what_is_typed(monkeypatch):
-    found = Judged(findings={"hang": [17, 30]})
-    (line,) = again("csv", found).splitlines()
+    outcome = Judged(findings={"hang": [17, 30]})
+    (line,) = again("csv", outcome).splitlines()
     assert f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ=17:18 pytest" in line
     monkeypatch.setenv("BAQUEANO_FUZZ", "17:18")
     assert list(numbers()) == [17]

@@ -28,8 +28,8 @@ def imported(tmp_path):
 
 
 def test_the_recording_of_the_fuzzer_is_sound(imported):
-    (found,) = imported()
-    assert len(found.run.t_ns) > 30
+    (imported_run,) = imported()
+    assert len(imported_run.run.t_ns) > 30
 
 
 @pytest.mark.parametrize(
@@ -55,10 +55,10 @@ def test_a_file_name_that_no_system_takes_is_of_no_file(imported, name):
 def test_a_time_that_64_bits_do_not_hold_is_not_known(imported, time):
     """In milliseconds it became another time, without a word."""
     try:
-        found = imported(of_log=("\n20,", f"\n{time},"))
+        runs = imported(of_log=("\n20,", f"\n{time},"))
     except FileError:
         return
-    assert all(one.run.duration_s < 1.0 for one in found)
+    assert all(one.run.duration_s < 1.0 for one in runs)
 
 
 def test_wraps_so_small_that_nothing_is_known_of_the_count(imported):

@@ -11,11 +11,11 @@ from tests.guides.test_drive_to import DT, at
 ROUTE = circle(0.5, 0.2)
 
 
-def driven(guide, ticks, wants=None):
+def driven(guide, ticks, requests=None):
     state, out, here = guide.init(), [], ROUTE.eta[0]
     for k in range(ticks):
-        if wants and k in wants:
-            guide.want("holder", wants[k])
+        if requests and k in requests:
+            guide.want("holder", requests[k])
         state, reference = guide.step(state, at(here, k))
         out.append(reference)
         here = reference.eta

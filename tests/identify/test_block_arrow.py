@@ -89,8 +89,8 @@ def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
     def of(places):
         def evaluate(theta):
             cost, g, H = 0.0, np.zeros(len(theta)), diagonal_matrix(np.zeros(len(theta)), places)
-            for J, index, said in zip(slopes, layout.indices, z, strict=True):
-                r = J @ theta[index] - said
+            for J, index, z_i in zip(slopes, layout.indices, z, strict=True):
+                r = J @ theta[index] - z_i
                 cost += float(0.5 * r @ r)
                 g[index] += J.T @ r
             add(H, layout.indices, [J.T @ J for J in slopes])
@@ -116,8 +116,8 @@ def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
     _, whole, _ = equations(4, ONE_RUN)
     layout = ThetaLayout(4, 3, 6, ONE_RUN)
     A, B = without_starts(whole, 2.0 * whole, layout)
-    few, channels, told = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
-    small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), told)
+    few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
+    small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), starts)
     large = 2.0 * np.linalg.inv(whole)[: layout.starts, : layout.starts] * few / (few - layout.starts)
     root = np.sqrt(np.diagonal(large))
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)

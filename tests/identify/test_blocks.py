@@ -23,8 +23,8 @@ def end(case, driven):
     """(a finished search over two runs with biases, the information there)."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        found = identify([driven(seed, 20.0) for seed in range(2)], case)
-    return found, information(found.task.problem, found.search.solution.theta)
+        fit = identify([driven(seed, 20.0) for seed in range(2)], case)
+    return fit, information(fit.task.problem, fit.search.solution.theta)
 
 
 def seen_by_a_camera(run: Run, seed: int) -> Run:
@@ -38,11 +38,11 @@ def seen_by_a_camera(run: Run, seed: int) -> Run:
 
 
 def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
-    found, info = end
+    fit, info = end
     problem, theta, identifiable = (
-        found.task.problem,
-        found.search.solution.theta,
-        np.flatnonzero(found.identifiability.mask),
+        fit.task.problem,
+        fit.search.solution.theta,
+        np.flatnonzero(fit.identifiability.mask),
     )
     moves = []
     for (r, d, index), record in zip(problem.sensitivities(theta), problem.records, strict=True):
@@ -57,18 +57,18 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
             moves.append(np.linalg.solve(without[np.ix_(identifiable, identifiable)], g[identifiable]))
     off = np.array(moves) - np.mean(moves, axis=0)
     expected = (len(moves) - 1) / len(moves) * off.T @ off
-    told = jackknife(problem, theta, identifiable, info.bread)
-    assert told is not None
+    cov = jackknife(problem, theta, identifiable, info.bread)
+    assert cov is not None
     assert jackknife(problem, theta, identifiable, info.bread, by_piece=True) is None  # the runs are whole
     root = np.sqrt(np.diagonal(expected))
-    np.testing.assert_allclose(told / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
+    np.testing.assert_allclose(cov / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
 
 def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_nothing():
     problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
-    said = [no_smaller(problem, cov, told, 2) for told in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
-    assert all(np.array_equal(one, cov) for one in said)
+    choices = [no_smaller(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
+    assert all(np.array_equal(one, cov) for one in choices)
     wide = no_smaller(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third is a run's own
     np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
@@ -87,16 +87,16 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
             run.sensors[name] = channel._replace(z=channel.z + hit * sd)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-            found = identify(run, car)
-        info = information(found.task.problem, found.search.solution.theta)
-        identifiable = np.flatnonzero(found.identifiability.mask)
+            end = identify(run, car)
+        info = information(end.task.problem, end.search.solution.theta)
+        identifiable = np.flatnonzero(end.identifiability.mask)
         white = np.sqrt(np.diagonal(covariance_of(info, identifiable)))[
-            identifiable < found.task.problem.layout.shared
+            identifiable < end.task.problem.layout.shared
         ]
-        fit = fit_of(found)
-        known = np.isfinite(fit.estimate)
-        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
-        inside += (off < 1.96 * fit.sd[known]).tolist()
+        fit = fit_of(end)
+        finite = np.isfinite(fit.estimate)
+        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[finite]
+        inside += (off < 1.96 * fit.sd[finite]).tolist()
         before += (off < 1.96 * white).tolist()
     assert 0.88 < np.mean(inside) <= 1.0
     assert np.mean(before) < np.mean(inside) - 0.04
@@ -125,9 +125,9 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(fil
             use=use,
             options=FitOptions(segment_s=segment_s, diagnose=False),
         )
-        known = np.isfinite(fit.estimate)
-        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
-        inside += (off < 1.96 * fit.sd[known]).tolist()
+        finite = np.isfinite(fit.estimate)
+        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[finite]
+        inside += (off < 1.96 * fit.sd[finite]).tolist()
     # of 144 intervals of which each holds the truth with 92 %, 120 or fewer do so less than once in 1,000 times, and
     # these seeds stay the same; without blocks of pieces it is 113, with a camera 56
     assert len(inside) == 144
@@ -137,15 +137,15 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(fil
 def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        found = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
+        fit = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
     problem, theta, identifiable = (
-        found.task.problem,
-        found.search.solution.theta,
-        np.flatnonzero(found.identifiability.mask),
+        fit.task.problem,
+        fit.search.solution.theta,
+        np.flatnonzero(fit.identifiability.mask),
     )
     ways = {"by_piece": False}, {"by_piece": True}
-    assert all(jackknife(problem, theta, identifiable, found.info.bread, **way) is not None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is not None for way in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
     slopes[2][1][-1] = np.inf
     monkeypatch.setattr(problem, "sensitivities", lambda theta: slopes)
-    assert all(jackknife(problem, theta, identifiable, found.info.bread, **way) is None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is None for way in ways)

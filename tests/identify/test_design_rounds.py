@@ -46,7 +46,7 @@ def test_error_bars_shrink_from_round_to_round(commissioned, small, truth):
     """Those that take the noise for the same all along the run: what the design makes smaller."""
     _, runs, _ = commissioned
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "no_smaller", lambda problem, cov, told, k, by_piece: cov)
+        patch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_piece: cov)
         fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
@@ -66,9 +66,9 @@ def test_id14_error_bars_of_each_round_hold_the_vehicle(commissioned, truth):
     for one in rounds.rounds:
         true = np.array([truth.value(name) for name in one.fit.names])
         inside = np.abs(one.fit.estimate - true) < 1.96 * one.fit.sd
-        seen = np.isfinite(one.fit.sd)
-        assert np.mean(inside[seen]) > 0.75
-        assert np.sum(~inside[seen]) <= binom.isf(0.005, np.sum(seen), 0.05)
+        finite = np.isfinite(one.fit.sd)
+        assert np.mean(inside[finite]) > 0.75
+        assert np.sum(~inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
         for name in SURE:
             assert 0.0 < one.relative_sd(name) < 0.1, name
 

@@ -14,19 +14,19 @@ from baqueano.study import counterpart
 from baqueano.study.identification.trials import as_sent, guess, robot
 
 
-def felt(run, change):
+def with_imu(run, change):
     c = run.sensors["imu"]
     return replace(run, sensors={**run.sensors, "imu": c._replace(z=change(c.z))})
 
 
-def codes(found):
-    return {one.code for one in found}
+def codes(findings):
+    return {one.code for one in findings}
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_named(case, driven, seed):
     """Its gains make up for a swap but for the sign of what a turn feels like."""
-    fit = identify(felt(driven(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
+    fit = identify(with_imu(driven(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
     assert fit.verdict == "REFUSED"
     assert "mount.swapped" in codes(fit.reasons)
     assert "axes.inverted" not in codes(fit.reasons)
@@ -35,7 +35,7 @@ def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_name
 @pytest.mark.parametrize(("axis", "which"), [(0, "first"), (1, "second"), (2, "third")])
 def test_an_inverted_axis_is_named_with_its_line(case, driven, axis, which):
     sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-    fit = identify(felt(driven(0, 20.0), lambda z: z * sign), case)
+    fit = identify(with_imu(driven(0, 20.0), lambda z: z * sign), case)
     assert fit.verdict == "REFUSED"
     assert f"mount.{which}-inverted" in codes(fit.reasons)
 
@@ -63,11 +63,11 @@ def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
     blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
-    found = gain_changes.gains(blocks, names, np.array([sideways, turning]), sd)
-    assert [one.code for one in found] == ["file.lever-arm"]
-    assert found[0].fix == "--free +sensors.imu.lever_arm_m"
-    found = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
-    assert [one.code for one in found] == ["file.swapped"]
+    findings = gain_changes.gains(blocks, names, np.array([sideways, turning]), sd)
+    assert [one.code for one in findings] == ["file.lever-arm"]
+    assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
+    findings = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    assert [one.code for one in findings] == ["file.swapped"]
 
 
 def test_an_imu_3_cm_off_the_centre_that_its_file_has_at_the_centre_is_not_swapped():

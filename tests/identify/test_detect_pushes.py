@@ -47,8 +47,8 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
         D[k]
-        for said, D in term_columns(end.blocks, problem, now)()
-        for k, (c, _) in enumerate(said)
+        for block, D in term_columns(end.blocks, problem, now)()
+        for k, (c, _) in enumerate(block)
         if c == code
     ]
     at = 0
@@ -58,9 +58,9 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
         blocks = substitute(end.blocks, (*problem.shape.shared, *problem.shape.own), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
         slope = weight * (pushed(blocks, record, push) - pushed(blocks, record, -push)) / 2e-6
-        said = columns[0][at : at + slope.size].reshape(slope.shape)
+        change = columns[0][at : at + slope.size].reshape(slope.shape)
         at += slope.size
-        np.testing.assert_allclose(said, slope, atol=1e-5 * np.max(np.abs(slope)))
+        np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))
 
 
 def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):

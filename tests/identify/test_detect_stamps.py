@@ -16,32 +16,32 @@ def moved(run, move):
     return replace(run, t_ns=move(run.t_ns), sensors=sensors, truth=None)
 
 
-def codes(found):
-    return [one.code for one in found]
+def codes(findings):
+    return [one.code for one in findings]
 
 
 def test_a_sound_run_is_given_back_as_it_is(driven):
     run = driven(0, 20.0)
-    pieces, found = check_timestamps(run, 100.0)
-    assert found == []
+    pieces, findings = check_timestamps(run, 100.0)
+    assert findings == []
     assert pieces == [run]
 
 
 def test_id3_half_a_step_of_jitter_is_not_a_burst(driven):
     run = driven(0, 20.0)
     jitter = np.random.default_rng(0).uniform(-0.45e7, 0.45e7, len(run.t_ns)).astype(np.int64)
-    pieces, found = check_timestamps(moved(run, lambda t: t + jitter), 100.0)
-    assert found == []
+    pieces, findings = check_timestamps(moved(run, lambda t: t + jitter), 100.0)
+    assert findings == []
     assert len(pieces) == 1
 
 
 def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off):
     run = driven(0, 20.0)
     jump = moved(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
-    pieces, found = check_timestamps(jump, 100.0)
+    pieces, findings = check_timestamps(jump, 100.0)
     assert [len(piece.t_ns) for piece in pieces] == [900, 1100]
-    assert codes(found) == ["time.jump"]
-    assert found[0].severity == Severity.INFO
+    assert codes(findings) == ["time.jump"]
+    assert findings[0].severity == Severity.INFO
     fit = identify(jump, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
     assert [one.figures["jumps"] for one in fit.notes if one.code == "time.jump"] == [1]
@@ -51,8 +51,8 @@ def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven
     run = driven(0, 20.0)
     jumps = moved(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
     pieces, several = check_timestamps(jumps, 100.0)
-    (found,) = (one for one in several if one.code.startswith("time.jump"))
-    assert (found.code, found.severity) == ("time.jump-throughout", Severity.ERROR)
+    (finding,) = (one for one in several if one.code.startswith("time.jump"))
+    assert (finding.code, finding.severity) == ("time.jump-throughout", Severity.ERROR)
     assert len(pieces) == 1
 
 
@@ -93,9 +93,9 @@ def test_samples_whose_stamp_is_not_their_time_are_left_out(driven, case, off):
     c = run.sensors["imu"]
     back = np.arange(len(c.t_ns)) > 1200
     imu = c._replace(t_ns=c.t_ns - back * 3600 * 10**9)
-    pieces, found = check_timestamps(replace(run, sensors={"imu": imu}), 100.0)
+    pieces, findings = check_timestamps(replace(run, sensors={"imu": imu}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == 1201
-    assert (found[0].code, found[0].severity) == ("time.stamps-far", Severity.WARNING)
+    assert (findings[0].code, findings[0].severity) == ("time.stamps-far", Severity.WARNING)
     fit = identify(replace(run, sensors={"imu": imu}), case)
     assert np.max(np.abs(off(fit, case))) < 4.5
 
@@ -105,6 +105,6 @@ def test_id3_stamps_that_repeat_are_left_out(driven):
     c = run.sensors["imu"]
     t_ns = c.t_ns.copy()
     t_ns[100:200:10] = t_ns[99:199:10]
-    pieces, found = check_timestamps(replace(run, sensors={"imu": c._replace(t_ns=t_ns)}), 100.0)
+    pieces, findings = check_timestamps(replace(run, sensors={"imu": c._replace(t_ns=t_ns)}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == len(t_ns) - 10
-    assert (found[0].code, found[0].figures["lost"]) == ("time.stamps-back", 10)
+    assert (findings[0].code, findings[0].figures["lost"]) == ("time.stamps-back", 10)

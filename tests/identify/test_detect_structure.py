@@ -24,8 +24,8 @@ def u(case):
     return random_steps(case.command.limit, 30.0, 100.0, 3)
 
 
-def codes(found):
-    return {one.code for one in found}
+def codes(findings):
+    return {one.code for one in findings}
 
 
 @pytest.mark.parametrize("kind", ["random_steps", "prbs"])
@@ -81,27 +81,27 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
     from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
-    run, seen = simulate(rough, u, 0), {}
+    run, scores = simulate(rough, u, 0), {}
 
     def look(end):
         problem, theta = end.task.problem, end.search.solution.theta
         left = fit_residuals(problem, theta, end.identifiability.mask)
         for words, D in term_columns(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
-            seen.update(zip((code for code, _ in words), score_test(left, D), strict=True))
-        seen["names"], seen["theta"] = problem.shape.shared, theta
+            scores.update(zip((code for code, _ in words), score_test(left, D), strict=True))
+        scores["names"], scores["theta"] = problem.shape.shared, theta
 
     from baqueano.identify import prediction_error_fit as module
 
     whole = module.fit_of
     try:
-        module.fit_of = lambda end, *known: (look(end), whole(end, *known))[1]
+        module.fit_of = lambda end, *args: (look(end), whole(end, *args))[1]
         identify(run, case)
     finally:
         module.fit_of = whole
-    answer = seen["dry friction, x"]
+    answer = scores["dry friction, x"]
     assert answer.z < -5.0  # a push against the motion
-    k = seen["names"].index("model.friction.linear[0]")
-    before, after = seen["theta"][k] - 7.0, seen["theta"][k] + answer.shift[k] - 7.0
+    k = scores["names"].index("model.friction.linear[0]")
+    before, after = scores["theta"][k] - 7.0, scores["theta"][k] + answer.shift[k] - 7.0
     assert abs(after) < 0.5 * abs(before)
 
 

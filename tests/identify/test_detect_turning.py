@@ -53,8 +53,8 @@ def test_a_slow_car_is_reported_which_unit_its_gyro_has(at_ten_hertz, factor, un
     for use in (None, ("imu",)):
         fit = identify(with_gyro(run, factor), file, use=use)
         assert fit.verdict == "REFUSED"
-        (found,) = (gyro for gyro in accused(fit) if gyro.figures["by"].code == "gyro.as-curve")
-        assert (found.figures["given"], found.figures["read"]) == (unit, was)
+        (finding,) = (gyro for gyro in accused(fit) if gyro.figures["by"].code == "gyro.as-curve")
+        assert (finding.figures["given"], finding.figures["read"]) == (unit, was)
 
 
 def test_without_wheels_the_commands_tell(small):
@@ -131,8 +131,8 @@ def test_two_wheels_tell_though_they_skid():
     )  # skid: 1.6 times
     imu = np.column_stack([rng.normal(size=(n, 2)), omega + 0.02 * rng.normal(size=n)])
     assert beside_wheels(imu, wheels, 20.0) == []
-    (found,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)
-    assert found.figures["by"] == note("gyro.as-wheels", subject="wheels")
+    (finding,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)
+    assert finding.figures["by"] == note("gyro.as-wheels", subject="wheels")
     assert beside_wheels(imu * [1.0, 1.0, 9.8], wheels, 20.0) == []
 
 
@@ -149,10 +149,10 @@ def test_wheels_that_turn_as_the_gyro_does_clear_it_though_an_axis_of_the_plane_
 
 def test_a_curve_alone_accuses_gyro_and_accelerometer(at_ten_hertz):
     file, run = at_ten_hertz
-    (found,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
-    assert found.figures["gyro"].figures["given"] == "deg/s"
-    assert (found.code, found.subject) == (physical_units.CURVE, "imu[1]")
-    assert found.figures["times"] < 0.1
+    (finding,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
+    assert finding.figures["gyro"].figures["given"] == "deg/s"
+    assert (finding.code, finding.subject) == (physical_units.CURVE, "imu[1]")
+    assert finding.figures["times"] < 0.1
 
 
 @pytest.mark.parametrize("seed", [0, 3])
@@ -186,8 +186,8 @@ def test_a_recorded_car_is_named_in_either_unit_and_not_where_it_is_right():
     run = import_run("cpm_run_a").run
     assert physical_units.check_gyro_unit(run, car, "imu") == []
     for factor, unit in ((DEGREES, "deg/s"), (1.0 / DEGREES, "rad/s")):
-        (found,) = physical_units.check_gyro_unit(with_gyro(run, factor), car, "imu")
-        assert found.figures.get("gyro", found).figures["given"] == unit
+        (finding,) = physical_units.check_gyro_unit(with_gyro(run, factor), car, "imu")
+        assert finding.figures.get("gyro", finding).figures["given"] == unit
 
 
 def test_a_gyro_that_makes_the_model_run_away_ends_in_a_verdict(at_ten_hertz):

@@ -11,7 +11,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import gain_changes
 
 
-def felt(run, change):
+def with_imu(run, change):
     c = run.sensors["imu"]
     return replace(run, sensors={"imu": c._replace(z=change(c.z.copy()))})
 
@@ -26,21 +26,21 @@ def guesses(fit):
 
 
 def test_id2_a_gyro_in_degrees_is_refused(driven, case):
-    fit = identify(felt(driven(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
+    fit = identify(with_imu(driven(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
     assert "gyro.too-fast" in reasons(fit) or "guess.degrees" in guesses(fit)
 
 
 def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, driven):
     slow = case.with_values({"command.limit": [20.0, 0.0, 6.0]})
-    fit = identify(felt(driven(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
+    fit = identify(with_imu(driven(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
     assert "guess.degrees" in guesses(fit)
     assert {"file.gain", "file.far-gain"} & reasons(fit).keys()
 
 
 def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(driven, case):
-    fit = identify(felt(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
+    fit = identify(with_imu(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
     assert fit.verdict != "USABLE"
     assert "guess.g" in guesses(fit)
 
@@ -61,7 +61,7 @@ def test_gravity_in_the_plane_is_reported(driven, case):
         z[:, 1] = 9.80665 + 0.05 * np.random.default_rng(0).standard_normal(len(z))
         return z
 
-    fit = identify(felt(driven(0, 20.0), upright), case)
+    fit = identify(with_imu(driven(0, 20.0), upright), case)
     assert fit.verdict != "USABLE"
     (tilted,) = (
         one for code, one in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
@@ -80,7 +80,7 @@ def turned(small):
 
 
 def test_swapped_axes_follow_each_others_predictions(turned, small):
-    fit = identify(felt(turned, lambda z: z[:, [1, 0, 2]]), small)
+    fit = identify(with_imu(turned, lambda z: z[:, [1, 0, 2]]), small)
     assert fit.verdict == "REFUSED"
     swapped = reasons(fit)["axes.swapped"]
     assert (swapped.subject, swapped.figures["other"]) == ("imu[0]", "imu[1]")
@@ -90,34 +90,34 @@ def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_wa
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
-    found = gain_changes.check_gain_changes(
+    findings = gain_changes.check_gain_changes(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
-    assert [(one.code, one.subject) for one in found] == [("file.swapped", "u[0]")]
-    axes = [found[0].figures[name].code for name in ("expected", "found")]
+    assert [(one.code, one.subject) for one in findings] == [("file.swapped", "u[0]")]
+    axes = [findings[0].figures[name].code for name in ("expected", "found")]
     assert axes == ["axis.forward", "axis.sideways"]
 
 
 def test_an_inverted_accelerometer_goes_against_the_model(turned, small):
-    fit = identify(felt(turned, lambda z: z * [1.0, -1.0, 1.0]), small)
+    fit = identify(with_imu(turned, lambda z: z * [1.0, -1.0, 1.0]), small)
     assert fit.verdict == "REFUSED"
     assert reasons(fit)["axes.inverted"].subject == "imu[1]"
 
 
 def test_an_inverted_gyro_is_reported_by_the_sign_of_the_gain_and_by_the_accelerometer(turned, small):
-    fit = identify(felt(turned, lambda z: z * [1.0, 1.0, -1.0]), small)
+    fit = identify(with_imu(turned, lambda z: z * [1.0, 1.0, -1.0]), small)
     assert fit.verdict != "USABLE"
     assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
 
 
 def test_an_inverted_gain_is_reported_where_nothing_else_contradicts_it(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
-    found = gain_changes.check_gain_changes(
+    findings = gain_changes.check_gain_changes(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
-    assert (found[0].code, found[0].severity) == ("file.inverted", Severity.WARNING)
-    assert found[0].subject == "model.actuator_matrix[2,2]"
-    assert (found[0].figures["now"], found[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
+    assert (findings[0].code, findings[0].severity) == ("file.inverted", Severity.WARNING)
+    assert findings[0].subject == "model.actuator_matrix[2,2]"
+    assert (findings[0].figures["now"], findings[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
 
 
 def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(driven, case):
@@ -132,13 +132,13 @@ def test_a_gain_that_is_half_or_double_that_of_the_file_is_not_a_reason_and_anot
     case, times, codes
 ):
     was = case.value("model.actuator_matrix[2,2]")
-    found = gain_changes.gains(
+    findings = gain_changes.gains(
         FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
         np.array([times * was]),
         np.array([0.01]),
     )
-    assert [one.code for one in found] == codes
+    assert [one.code for one in findings] == codes
 
 
 def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):

@@ -224,14 +224,14 @@ def test_a_car_is_found_from_odometer_and_gyro():
 
 
 def test_a_search_that_is_stopped_from_outside_gives_what_it_found_and_is_refused(case, driven):
-    told = []
+    texts = []
 
     def say(text):
-        told.append(text)
+        texts.append(text)
         return True
 
     fit = identify(driven(0, 20.0), case, say=say)
-    assert [text[:7] for text in told] == ["round 1"]
+    assert [text[:7] for text in texts] == ["round 1"]
     assert not fit.converged
     assert fit.verdict == "REFUSED"
     assert np.isfinite(fit.value("model.friction.linear[0]"))

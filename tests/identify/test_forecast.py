@@ -89,14 +89,14 @@ def test_a_lap_is_as_wrong_as_those_of_drawn_vehicles(each):
 
 def test_a_run_without_a_lap_says_why(small):
     fit, run = small
-    found = forecast(fit, run, eight(0.5, 30.0))
-    assert len(found.ahead) == 1
-    assert found.notes[0].code == "forecast.strays"
+    ahead = forecast(fit, run, eight(0.5, 30.0))
+    assert len(ahead.ahead) == 1
+    assert ahead.notes[0].code == "forecast.strays"
 
 
 def test_a_lost_heading_is_not_a_distance():
-    said = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
-    assert (said.code, said.figures["heading_deg"]) == ("forecast.lost", "34")
+    message = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
+    assert (message.code, message.figures["heading_deg"]) == ("forecast.lost", "34")
 
 
 def test_a_fit_of_sensors_alone_predicts_nothing():
@@ -122,9 +122,9 @@ def test_terminal_json_and_report_say_it(small, tmp_path, monkeypatch, capsys):
     words = ["identify", "one.mcap", "--no-noise", "--route", "circle", "--free", "model.mass_kg"]
     with pytest.raises(SystemExit):
         main(words)
-    said = capsys.readouterr().out
-    assert "s of open loop, driven like these runs (" in said
-    assert "s of open loop, one lap of circle (" in said
+    printed = capsys.readouterr().out
+    assert "s of open loop, driven like these runs (" in printed
+    assert "s of open loop, one lap of circle (" in printed
     with pytest.raises(SystemExit):
         main([*words, "--json"])
     rows = json.loads(capsys.readouterr().out)["forecast"]

@@ -23,13 +23,13 @@ def logs():
     behind = plain.changed(imu=plain.imu.changed(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
     chip = behind.changed(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
     file = robot_file(plain)
-    asked = excitation(
+    requested = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
-    sent = as_sent(asked)
+    sent = as_sent(requested)
     each = np.stack([sent] * 3, axis=1)
     shown = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent), file.rate_hz))
-    kinds = {"counts": (0, sent), "asked": (0, asked), "filtered": (1, sent), "chip": (2, sent)}
+    kinds = {"counts": (0, sent), "asked": (0, requested), "filtered": (1, sent), "chip": (2, sent)}
     runs = {name: recorded(shown, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs
 
@@ -76,8 +76,8 @@ def test_tilt_and_bias_are_a_sum_unless_a_fit_is_asked_to_tell_them_apart(logs):
         identify(runs["counts"], file, free, options=FitOptions(diagnose=False))
         for free in (few, [*few, "sensors.imu.tilt_rad"])
     )
-    assert ("bias.tilt-sum", "imu") in [(said.code, said.subject) for said in one.notes]
-    assert "bias.tilt-sum" not in [said.code for said in both.findings]
+    assert ("bias.tilt-sum", "imu") in [(note.code, note.subject) for note in one.notes]
+    assert "bias.tilt-sum" not in [finding.code for finding in both.findings]
 
 
 def test_a_low_pass_can_be_fitted(logs):

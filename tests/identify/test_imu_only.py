@@ -85,9 +85,9 @@ def test_a_measured_scale_is_believed_before_a_data_sheet():
     file = load("car")
     np.testing.assert_allclose(scales_of(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
     path = "sensors.imu.gyro_scale"
-    known = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
-    assert scales_of(known, "imu")[2] == pytest.approx(0.005 / 1.035)
-    assert scales_of(known, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
+    measured_file = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
+    assert scales_of(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
+    assert scales_of(measured_file, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
     with pytest.raises(UsageError, check=of_code("tolerance.keys", keys="accel, gyro")):
         scales_of(file, "imu", {"compass": 0.1})
 
@@ -98,7 +98,7 @@ def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
     file, run, _ = fitted
     path, origin = "sensors.imu.gyro_bias", Provenance("rest", None, 0.02, "USABLE")
     at = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
-    known, higher, lower = (
+    narrow, higher, lower = (
         fit_imu_only(
             run,
             file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
@@ -110,10 +110,10 @@ def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
     wide = fit_imu_only(
         run, file.with_values({path: at[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
     )
-    part = np.sqrt(np.maximum(wide.sd**2 - known.sd**2, 0.0))
+    part = np.sqrt(np.maximum(wide.sd**2 - narrow.sd**2, 0.0))
     slope = 0.02 * np.abs(higher.estimate - lower.estimate) / 0.01
-    offset = known.names.index("model.steering_offset_rad")
-    assert part[offset] > 3.0 * known.sd[offset]
+    offset = narrow.names.index("model.steering_offset_rad")
+    assert part[offset] > 3.0 * narrow.sd[offset]
     assert part[offset] == pytest.approx(slope[offset], rel=0.1)
 
 
@@ -122,8 +122,8 @@ def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
 
     file, path = load("car"), "sensors.imu.gyro_bias"
     assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # a data sheet's
-    known = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
-    assert zero_of(known, "imu") == pytest.approx(0.001)
+    measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
+    assert zero_of(measured_file, "imu") == pytest.approx(0.001)
 
 
 def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
@@ -142,9 +142,9 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     inside = fit.envelope
     assert inside.flags(run) == ()
     faster = replace(run, applied=run.applied * np.array([1.4, 1.0]))
-    said = inside.flags(faster)
-    assert len(said) == 1
-    assert (said[0].code, said[0].subject) == ("envelope.left", "throttle")
+    flags = inside.flags(faster)
+    assert len(flags) == 1
+    assert (flags[0].code, flags[0].subject) == ("envelope.left", "throttle")
     with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
         inside.flags(replace(run, applied=run.applied[:, :1]))
     with pytest.raises(UsageError, check=of_code("runs.no-command")):
@@ -266,9 +266,11 @@ def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out(
     assert np.all(slow_part(white) == 0.0)
     for k in range(1, n):
         slow[k] = 0.98 * slow[k - 1] + np.sqrt(1.0 - 0.98**2) * rng.normal()
-    found = slow_part(0.5 * white + slow)
-    assert np.std(found - slow) < 0.6 * 0.5
-    assert abs(np.mean((found - slow) * found)) < 0.02  # what it errs by has nothing to do with it
+    slow_estimate = slow_part(0.5 * white + slow)
+    assert np.std(slow_estimate - slow) < 0.6 * 0.5
+    assert (
+        abs(np.mean((slow_estimate - slow) * slow_estimate)) < 0.02
+    )  # what it errs by has nothing to do with it
     np.testing.assert_array_equal(slow_part(white[:20]), white[:20])
 
 

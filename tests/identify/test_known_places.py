@@ -83,8 +83,8 @@ def of_car(seconds, seed):
 
 
 def off(truth, fit):
-    told = {n: (x - truth.value(n)) / sd for n, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)}
-    return max(map(abs, told.values())), told
+    errors = {n: (x - truth.value(n)) / sd for n, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)}
+    return max(map(abs, errors.values())), errors
 
 
 def test_a_camera_tells_wheels_gyro_and_its_own_clock():
@@ -103,8 +103,8 @@ def test_a_camera_tells_wheels_gyro_and_its_own_clock():
             options=FitOptions(clocks=("truth",)),
         )
         assert fit.verdict == "USABLE", fit.reasons
-        worst, told = off(truth, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(truth, fit)
+        assert worst < SIGMAS, errors
         clock = fit.own_names.index("clock.truth")
         assert abs(fit.own[0, clock] - late_s) < SIGMAS * fit.own_sd[0, clock] < 0.005
 
@@ -150,9 +150,9 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
     nu[:, :2] += (
         np.column_stack([0.03 * w, 0.06 * w]) + np.random.default_rng(0).normal(size=(len(w), 2)) * 0.01
     )
-    seen = replace(run, truth=run.truth._replace(nu=nu))
+    with_velocity = replace(run, truth=run.truth._replace(nu=nu))
     fit = identify(
-        seen,
+        with_velocity,
         small,
         [*USUAL, "sensors.truth.lever_arm_m"],
         use=("imu", "truth"),
@@ -186,8 +186,8 @@ def test_wheels_without_a_camera_are_reported_by_the_imu():
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12"])
     for seed in (1, 2):
         fit = identify(simulate(truth, steps(truth, 20.0, seed), seed), begin, [*USUAL, RADII, TRACK])
-        worst, told = off(truth, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(truth, fit)
+        assert worst < SIGMAS, errors
 
 
 def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do():
@@ -211,8 +211,8 @@ def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
         fit = identify(
             run, begin, [*OF_CAR, GYRO], use=("imu",), options=FitOptions(measured=[by_hand(run, seed)])
         )
-        worst, told = off(car, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(car, fit)
+        assert worst < SIGMAS, errors
         assert fit.sd[fit.names.index(GYRO)] < 0.01
 
 
@@ -229,8 +229,8 @@ def test_a_tape_is_believed_as_far_as_the_floor_lets_a_simulation_be():
             use=("imu",),
             options=FitOptions(measured=[line]),
         )
-        worst, told = off(car, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(car, fit)
+        assert worst < SIGMAS, errors
         _, (length, angle) = read(line, [run])
         assert 0.05 < drift(car.vehicle, run, length) < 1.0
         assert 0.5 < np.degrees(drift(car.vehicle, run, angle)) < 5.0
@@ -245,8 +245,8 @@ def test_a_camera_tells_gyro_and_odometer_of_a_car():
     for seed in (1, 2):
         run = seen_by_camera(simulate(car, of_car(60.0, seed), seed), seed)
         fit = identify(run, override(car, wrong), free, use=("imu", "odometer", "truth"))
-        worst, told = off(car, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(car, fit)
+        assert worst < SIGMAS, errors
 
 
 def test_a_mark_that_is_passed_lap_by_lap_sharpens_speed_and_gyro():
@@ -257,8 +257,8 @@ def test_a_mark_that_is_passed_lap_by_lap_sharpens_speed_and_gyro():
         assert len(run.sensors["mark"].z) > 5
         with_mark = identify(run, begin, [*USUAL, GYRO])
         without = identify(run, begin, [*USUAL, GYRO], use=("imu",))
-        worst, told = off(truth, with_mark)
-        assert worst < SIGMAS, told
+        worst, errors = off(truth, with_mark)
+        assert worst < SIGMAS, errors
         k = with_mark.names.index(GYRO)
         assert not with_mark.sd[k] > 0.5 * without.sd[k], "NaN: not known at all without the mark"
 
@@ -283,17 +283,17 @@ class Ten:
     ],
 )
 def test_what_a_hand_wrote_is_read(line, kind, z, sd):
-    run, (told,) = read(line, [Ten("monday")])
-    assert (run, told.kind, told.t_ns) == (0, kind, 5 + 4_000_000_000)
-    assert told.z == pytest.approx(z, abs=1e-12)
-    assert told.sd == pytest.approx(sd)
+    run, (place,) = read(line, [Ten("monday")])
+    assert (run, place.kind, place.t_ns) == (0, kind, 5 + 4_000_000_000)
+    assert place.z == pytest.approx(z, abs=1e-12)
+    assert place.sd == pytest.approx(sd)
 
 
 def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
-    _, told = read("end: 1.5 m, -90 °", [Ten("a")])
-    assert [one.kind for one in told] == ["tape", "turned"]
-    assert told[0].t_ns == 5 + 10_000_000_000
-    assert told[1].z == pytest.approx([0.0, -1.0], abs=1e-12)
+    _, places = read("end: 1.5 m, -90 °", [Ten("a")])
+    assert [one.kind for one in places] == ["tape", "turned"]
+    assert places[0].t_ns == 5 + 10_000_000_000
+    assert places[1].z == pytest.approx([0.0, -1.0], abs=1e-12)
 
 
 @pytest.mark.parametrize(

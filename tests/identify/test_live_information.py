@@ -16,11 +16,11 @@ def driven(name, seconds=6.0):
     return file, excitation("random_steps", file.command.limit, seconds, file.rate_hz, seed=3)
 
 
-def relative(found, expected):
+def relative(estimate, expected):
     """Return the largest difference in parts of the entry's own scale, √(F_ii F_jj)."""
     own = np.sqrt(np.diagonal(expected))
     own = np.where(own > 0.0, own, 1.0)
-    return np.max(np.abs(found - expected) / np.outer(own, own))
+    return np.max(np.abs(estimate - expected) / np.outer(own, own))
 
 
 @pytest.mark.parametrize("name", ["small", "case-study-1", "car"])

@@ -67,10 +67,10 @@ def test_the_table_says_what_is_written(measured):
 
 def test_two_noises_that_trade_places_are_distinguished():
     """A ridge along which no step of one of them alone improves."""
-    found = valley(
+    estimate = valley(
         lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
-    np.testing.assert_allclose(found, [3.0, -3.0], atol=0.2)
+    np.testing.assert_allclose(estimate, [3.0, -3.0], atol=0.2)
 
 
 @pytest.mark.parametrize(("rest", "least"), [(1e-6, 1e-6), (1e-2, None)])

@@ -21,9 +21,9 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
     assert turning <= unseen(fit)
     assert "friction.linear[0]" not in unseen(fit)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    told = {one.subject: one for one in fit.unobservable}
-    held = told["model.friction.linear[2]"]
-    assert (held.code, held.figures["at"], held.figures["needs"].code) == (
+    notes = {one.subject: one for one in fit.unobservable}
+    note = notes["model.friction.linear[2]"]
+    assert (note.code, note.figures["at"], note.figures["needs"].code) == (
         "identifiability.not",
         500.553,
         "identifiability.needs",
@@ -104,13 +104,13 @@ def test_a_weak_parameter_is_kept_and_called_weak(case):
 def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_tell(case):
     fit = identify(simulate(case, excitation("multisine", case.command.limit, 30.0, 100.0, 1), 1), case)
     assert fit.verdict == "WARN"
-    told = {one.subject: one for one in fit.reasons}
-    near = told["model.friction.quadratic[1]"]
+    reasons = {one.subject: one for one in fit.reasons}
+    near = reasons["model.friction.quadratic[1]"]
     assert near.code == "identifiability.weakly-beside"
     assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
     motion = "sliding sideways both a little and fast, as in turns of many speeds"
     assert near.figures["needs"].figures["motion"].startswith(motion)
-    weak = told["model.actuator_matrix[1,2]"]
+    weak = reasons["model.actuator_matrix[1,2]"]
     assert (weak.code, weak.figures["why"].code) == (
         "identifiability.weakly",
         "identifiability.hardly-sideways",
@@ -120,8 +120,8 @@ def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_t
 def test_what_never_moved_sideways_is_reported_of_what_is_held(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
-    held = {one.subject: one for one in fit.unobservable}["model.friction.linear[1]"]
-    assert (held.code, held.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
+    note = {one.subject: one for one in fit.unobservable}["model.friction.linear[1]"]
+    assert (note.code, note.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
 
 
 def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, driven):
@@ -140,5 +140,7 @@ def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is
     assert any("drivetrain.dead_zone_forward[0]" in names for names in named)
     motion = "forward commands just above the dead zone of the first motor"
     assert any(
-        str(found).startswith(motion) for one in collinear for found in one.figures["apart"].figures.values()
+        str(figure).startswith(motion)
+        for one in collinear
+        for figure in one.figures["apart"].figures.values()
     )

@@ -146,8 +146,8 @@ def test_what_a_run_does_not_show_is_reported_in_the_words_of_its_metadata(files
     assert "slow strokes that stop and turn, many times" in " ".join(texts(fit.findings))
     file, u = files["omni_robot"], random_steps([0.7], 8.0, 100.0, 0) * [1.0, 0.0, -1.0]
     fit = identify(of_omni(file, u=u), file)
-    held = texts(one for one in fit.unobservable if one.subject == "model.inertia_kg_m2")
-    assert any("turning on the spot, to and fro" in said for said in held)
+    remedies = texts(one for one in fit.unobservable if one.subject == "model.inertia_kg_m2")
+    assert any("turning on the spot, to and fro" in remedy for remedy in remedies)
     fit = identify(of_omni(file), file, ["+model.mass_kg"], options=FitOptions(diagnose=False))
     (mass,) = (one for one in fit.unobservable if one.subject == "model.mass_kg")
     assert (mass.code, mass.figures["how"].code) == ("identifiability.tied", "identifiability.by-hand")

@@ -64,10 +64,10 @@ def test_a_vehicle_that_does_not_age_is_left_in_peace(case):
     """Eight runs of nine vehicles at a false alarm in a hundred: more than one is a fault of the method."""
     alarms = 0
     for seed in range(1, 10):
-        found = parameter_history(
+        history = parameter_history(
             drives(case, lambda k: {}, seed), case, free=FREE, options=FitOptions(biases=False)
         )
-        alarms += bool(found.moved)
+        alarms += bool(history.moved)
     assert alarms <= 1
 
 
@@ -77,8 +77,8 @@ def test_slow_wear_is_a_drift(case):
     def change(k):
         return {"model.friction.linear": (linear * [1.0 + 0.05 * k, 1.0, 1.0]).tolist()}
 
-    found = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
-    (one,) = found.moved
+    history = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
+    (one,) = history.moved
     assert (one.name, one.how) == ("model.friction.linear[0]", "drift")
     assert one.between == ("run 0", "run 7")
     assert (one.after - one.before) / one.before == pytest.approx(0.35, abs=0.05)

@@ -51,11 +51,11 @@ def small():
     return override(load("small"), ["model.friction.coulomb=[0, 0, 0.01]"])
 
 
-def fitted(small, asked, seed, **options):
-    truth = override(small, [f"{key}={there}" for key, (there, _) in asked.items()])
-    begin = override(truth, [f"{key}={start}" for key, (_, start) in asked.items()])
+def fitted(small, values, seed, **options):
+    truth = override(small, [f"{key}={there}" for key, (there, _) in values.items()])
+    begin = override(truth, [f"{key}={start}" for key, (_, start) in values.items()])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, truth.rate_hz, seed, hold_s=0.5), seed)
-    return truth, identify(run, begin, [*USUAL, *asked], options=FitOptions(**options))
+    return truth, identify(run, begin, [*USUAL, *values], options=FitOptions(**options))
 
 
 def off(truth, fit):
@@ -66,10 +66,10 @@ def off(truth, fit):
     }
 
 
-@pytest.mark.parametrize("asked", [WHEELS, MOTORS, PLACES], ids=["wheels", "motors", "places"])
-def test_what_the_vehicle_has_is_found_from_a_file_that_has_it_not(small, asked):
+@pytest.mark.parametrize("values", [WHEELS, MOTORS, PLACES], ids=["wheels", "motors", "places"])
+def test_what_the_vehicle_has_is_found_from_a_file_that_has_it_not(small, values):
     for seed in (1, 2):
-        truth, fit = fitted(small, asked, seed)
+        truth, fit = fitted(small, values, seed)
         assert fit.converged
         assert fit.verdict == "USABLE", fit.reasons
         assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
@@ -85,9 +85,9 @@ def test_of_a_tilt_and_a_bias_it_is_reported_that_they_do_not_show(small):
     """Both are gravity, or look like it; what is left is the cosine of the tilt."""
     _, fit = fitted(small, TILT, 1)
     assert fit.verdict == "WARN"
-    known = [k for k, name in enumerate(fit.names) if "tilt" in name and np.isfinite(fit.estimate[k])]
-    assert all(fit.weak[k] for k in known)
-    assert len(known) < 2
+    tilts = [k for k, name in enumerate(fit.names) if "tilt" in name and np.isfinite(fit.estimate[k])]
+    assert all(fit.weak[k] for k in tilts)
+    assert len(tilts) < 2
     assert any("a bias that is known: fix accel_bias" in one for one in texts(fit.unobservable))
 
 
@@ -128,8 +128,8 @@ def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
     truth = override(car, [f"{key}={there}" for key, (there, _) in CAR_WAYS.items()])
     run = simulate(truth, random_steps(truth.command.limit, 40.0, truth.rate_hz, seed, hold_s=1.0), seed)
     fit = identify(run, car, [*CAR_USUAL, *CAR_WAYS], options=FitOptions(diagnose=False))
-    found = off(truth, fit)
-    assert all(abs(found[name]) < SIGMAS for name in CAR_WAYS), found
+    errors = off(truth, fit)
+    assert all(abs(errors[name]) < SIGMAS for name in CAR_WAYS), errors
     assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
 
 

@@ -30,7 +30,7 @@ def offs(fit, file, names):
     return error / fit.sd[index], error
 
 
-def seen(fit):
+def interior_names(fit):
     return [name for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and fit.bound[k] == 0]
 
 
@@ -53,7 +53,7 @@ def test_over_a_still_floor_both_costs_say_the_same_and_the_simulation_is_believ
 
 def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_hold(disturbed):
     file, fits = disturbed
-    names = seen(fits[0][0])
+    names = interior_names(fits[0][0])
     z, errors = np.array(
         [[offs(fit, file, names) for fit in pair] for pair in fits]
     ).transpose(2, 1, 0, 3)  # fmt: skip
@@ -79,7 +79,7 @@ def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed
 @pytest.mark.long
 def test_one_sample_in_ten_may_be_an_outlier(disturbed):
     file, fits = disturbed
-    names = seen(fits[0][1])[:-3]
+    names = interior_names(fits[0][1])[:-3]
     clean, dirty = [], []
     noise = np.array([*file.sensors.imu.accel_noise_std, file.sensors.imu.gyro_noise_std])
     for seed, (_, fit) in zip(SEEDS, fits, strict=True):
@@ -111,14 +111,14 @@ def test_a_free_clock_and_a_cost_that_is_none_are_refused(case):
 
 def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
     run = simulate(case, random_steps(case.command.limit, 10.0, case.rate_hz, 1), 1)
-    heard = []
+    texts = []
 
     def say(text):
-        heard.append(text)
+        texts.append(text)
         return text.startswith("innovations")
 
     fit = identify(run, case, say=say, options=FitOptions(cost="innovations"))
-    assert 1 <= sum(text.startswith("innovations: ") for text in heard) <= 2  # with a floor, and without
+    assert 1 <= sum(text.startswith("innovations: ") for text in texts) <= 2  # with a floor, and without
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
 

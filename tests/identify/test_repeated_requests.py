@@ -13,10 +13,10 @@ from baqueano.identify.diagnostics.score_test import fit_residuals
 @pytest.fixture
 def end(case, driven):
     """A finished search, its own for each test."""
-    return asked(driven(0, 6.0), case)
+    return fit_at_rest(driven(0, 6.0), case)
 
 
-def asked(run, case):
+def fit_at_rest(run, case):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
         return identify(run, case, options=FitOptions(at_rest=True))
@@ -46,7 +46,7 @@ def test_predictions_are_there_where_no_reading_is(end, case, driven):
     z = run.sensors["imu"].z.copy()
     z[100:200, 1] = np.nan
     few = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
-    problem, theta = asked(few, case).task.problem, end.search.solution.theta
+    problem, theta = fit_at_rest(few, case).task.problem, end.search.solution.theta
     assert not problem.has[0].all()
     np.testing.assert_allclose(problem.predictions(theta)[0], shown(problem, theta), atol=1e-9)
     np.testing.assert_allclose(

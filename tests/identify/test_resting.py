@@ -41,8 +41,8 @@ def test_the_bias_of_a_car_that_never_stands_is_that_of_its_file():
 def offset(car, run, zero, sd):
     """Estimate and standard error of the steering offset, with a zero of the gyro that is measured ± sd, if at all."""
     path = "sensors.imu.gyro_bias"
-    told = {} if sd is None else {path: Provenance("a rest", date(2026, 1, 1), sd, "USABLE")}
-    fit = identify(run, car.with_values({path: zero}, told), use=["odometer", "imu[2]"])
+    provenance = {} if sd is None else {path: Provenance("a rest", date(2026, 1, 1), sd, "USABLE")}
+    fit = identify(run, car.with_values({path: zero}, provenance), use=["odometer", "imu[2]"])
     k = fit.names.index("model.steering_offset_rad")
     return fit.estimate[k], fit.sd[k]
 

@@ -35,14 +35,14 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
 
 
 def test_what_was_asked_for_run_by_run_is_reported(case, driven):
-    asked = identify(driven(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
+    fit = identify(driven(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
     plain = identify(driven(0, 10.0), case)
-    rows = [row for row in asked.run_by_run() if row["name"] == "clock.truth"]
+    rows = [row for row in fit.run_by_run() if row["name"] == "clock.truth"]
     assert len(rows) == 1
     assert set(rows[0]) == {"run", "name", "estimate", "sd"}
     assert json.loads(json.dumps(rows)) == rows
-    assert f"clock.truth of {asked.runs[0]}: " in asked.table()
-    assert "s, to be added to its stamps" in asked.table()
+    assert f"clock.truth of {fit.runs[0]}: " in fit.table()
+    assert "s, to be added to its stamps" in fit.table()
     assert "clock." not in plain.table()
 
 
@@ -75,7 +75,7 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "code"),
     [
         ({"free": ["model.friction.linnear"]}, "parameter.unknown"),
         ({"free": ["model.friction.linear[7]"]}, "parameter.unknown"),
@@ -90,10 +90,10 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
         ({"sigma": {"imu": [0.1, 0.1, 0.0]}}, "sigma.negative"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_words(case, driven, options, says):
+def test_what_makes_no_sense_is_refused_in_words(case, driven, options, code):
     what = {name: value for name, value in options.items() if name in ("free", "use")}
     how = {name: value for name, value in options.items() if name not in what}
-    with pytest.raises(UsageError, check=of_code(says)):
+    with pytest.raises(UsageError, check=of_code(code)):
         identify(driven(0, 20.0), case, **what, options=FitOptions(**how))
 
 
@@ -108,8 +108,8 @@ def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
         "runs.other-size": replace(run, sensors={"imu": imu._replace(z=imu.z[:, :2])}),
         "runs.few-ticks": run.cut(0.0, 0.01),
     }
-    for says, what in cases.items():
-        with pytest.raises(UsageError, check=of_code(says)):
+    for code, what in cases.items():
+        with pytest.raises(UsageError, check=of_code(code)):
             identify(what, case)
     with pytest.raises(UsageError, check=of_code("truth.not-held")):
         identify(replace(run, truth=None), case, use=["truth"])

@@ -18,9 +18,9 @@ def test_slopes_that_are_not_finite_are_not_a_place_to_go():
             return Evaluation(-1.0, np.array([np.nan]), np.array([[np.inf]]))
         return Evaluation(float((x - 1.9) ** 2), np.array([2.0 * (x - 1.9)]), np.array([[0.5]]))
 
-    found = minimise(evaluate, np.array([-5.0]), np.array([-10.0]), np.array([10.0]))
-    assert found.converged
-    assert abs(found.theta[0] - 1.9) < 1e-3
+    minimum = minimise(evaluate, np.array([-5.0]), np.array([-10.0]), np.array([10.0]))
+    assert minimum.converged
+    assert abs(minimum.theta[0] - 1.9) < 1e-3
     nowhere = minimise(evaluate, np.array([3.0]), np.array([-10.0]), np.array([10.0]))
     assert not nowhere.converged
 

@@ -59,8 +59,8 @@ def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
         J[20 * k : 20 * (k + 1), index] = rng.normal(size=(20, len(index)))
     A = J.T @ J
     reduced, meat = without_starts(A, A, layout)
-    told = layout.starts
-    np.testing.assert_allclose(np.linalg.inv(reduced), np.linalg.inv(A)[:told, :told], rtol=1e-9)
+    starts = layout.starts
+    np.testing.assert_allclose(np.linalg.inv(reduced), np.linalg.inv(A)[:starts, :starts], rtol=1e-9)
     np.testing.assert_allclose(meat, reduced, rtol=1e-9, atol=1e-12)
 
 

@@ -39,8 +39,8 @@ def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
 def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     """A floor that pushes: no command tells the model of it, an accelerometer feels it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}
-    seen, unseen = (driven(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2)))
-    fit = identify(seen, SMALL, FREE), seen
+    own_run, unseen = (driven(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2)))
+    fit = identify(own_run, SMALL, FREE), own_run
     noise = measure_noise(*fit, held_out=[unseen])
     assert noise.speed is not None
     assert noise.speed.decided

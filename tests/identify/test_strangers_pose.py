@@ -41,12 +41,12 @@ def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
     rng = np.random.default_rng(seed)
     count, fade = int(seconds / h), math.exp(-h / 0.5)
     kick = math.sqrt(1.0 - fade**2) * rng.standard_normal((count, 3)) * [0.02, 0.01, 0.03]
-    pose, floor, wheels, asked = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2)
+    pose, floor, wheels, wheel_target = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2)
     poses, turned = np.zeros((count, 3)), np.zeros((count, 2))
     for k in range(count):
         if k % 400 == 0:
-            asked = rng.uniform(1.0, 6.0, 2)
-        wheels = wheels + h / 0.3 * (asked - wheels)
+            wheel_target = rng.uniform(1.0, 6.0, 2)
+        wheels = wheels + h / 0.3 * (wheel_target - wheels)
         v_l, v_r = LEFT_M * wheels[0], RIGHT_M * wheels[1]
         nu = np.array([0.5 * (v_l + v_r), 0.0, (v_r - v_l) / TRACK_M])
         nu[1] = -SLIDE_S * nu[0] * nu[2]
@@ -96,7 +96,7 @@ def test_a_floor_that_drifts_is_in_the_error_bars():
 
 
 def test_unseen_runs_are_as_good_as_its_own(fit):
-    found = validate(fit, [drive(3), drive(4)])
-    assert found.verdict == "USABLE"
-    assert max(figure.times for figure in found.figures) < 1.3
-    assert min(figure.times for figure in found.figures) > 0.7
+    validation = validate(fit, [drive(3), drive(4)])
+    assert validation.verdict == "USABLE"
+    assert max(figure.times for figure in validation.figures) < 1.3
+    assert min(figure.times for figure in validation.figures) > 0.7

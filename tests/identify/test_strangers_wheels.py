@@ -89,5 +89,5 @@ def test_friction_of_the_wheels_is_chosen_and_dead_zones_are_not(choice):
 
 
 def test_it_carries_over_to_unseen_runs(choice):
-    found = validate(choice.fit, [drive(3), drive(4)])
-    assert found.verdict == "USABLE"
+    validation = validate(choice.fit, [drive(3), drive(4)])
+    assert validation.verdict == "USABLE"

@@ -20,7 +20,7 @@ def row(
 
 
 @pytest.mark.parametrize(
-    ("of", "said"),
+    ("of", "mark"),
     [
         (row(9.67, 110.0), "may be 0"),
         (row(-1.0, 0.52), "may be 0"),
@@ -33,8 +33,8 @@ def row(
         (row(None, None, None, "no"), "not identifiable"),
     ],
 )
-def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of, said):
-    assert marks(of) == said
+def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of, mark):
+    assert marks(of) == mark
 
 
 def test_the_table_marks_what_the_rows_say(driven, case):
@@ -47,33 +47,33 @@ def test_the_table_marks_what_the_rows_say(driven, case):
         assert line.endswith("may be 0)")
 
 
-def said(
+def lines_of(
     reasons: list[str], unseen: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
     reported: bool = False,
 ) -> list[str]:  # fmt: skip
     """The lines of codes without a template, which are their own sentences."""
     fields = {"reasons": reasons, "unobservable": unseen, "never": never, "notes": notes}
-    told = {name: tuple(map(note, codes)) for name, codes in fields.items()}
-    return verdict_lines(SimpleNamespace(verdict=verdict, **told), reported)
+    by_field = {name: tuple(map(note, codes)) for name, codes in fields.items()}
+    return verdict_lines(SimpleNamespace(verdict=verdict, **by_field), reported)
 
 
 WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight")
 
 
 def test_however_much_is_to_be_said_a_screen_holds_it_and_tells_of_the_rest():
-    lines = said(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
+    lines = lines_of(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
     assert len(lines) <= MOST
-    told = sum(line.startswith("- ") for line in lines)
-    assert lines[-1] == f"and {4 * len(WORDS) - told} more: --report fit.html shows all, with figures"
+    shown_count = sum(line.startswith("- ") for line in lines)
+    assert lines[-1] == f"and {4 * len(WORDS) - shown_count} more: --report fit.html shows all, with figures"
 
 
 def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
     many = list(WORDS)
-    asked, written = (said(many, [], [], [], reported=reported) for reported in (False, True))
-    assert asked[:-1] == written[:-1]
-    assert asked[-1] == "and 3 more: --report fit.html shows all, with figures"
+    on_request, written = (lines_of(many, [], [], [], reported=reported) for reported in (False, True))
+    assert on_request[:-1] == written[:-1]
+    assert on_request[-1] == "and 3 more: --report fit.html shows all, with figures"
     assert written[-1] == "and 3 more: the report shows all, with figures"
-    assert said(["one"], [], [], [], reported=True) == ["WARN: one"]
+    assert lines_of(["one"], [], [], [], reported=True) == ["WARN: one"]
 
 
 def coloured(i: int, **words: str):
@@ -93,7 +93,7 @@ def test_what_differs_in_its_words_is_reported_by_itself():
 
 
 def test_one_reason_stands_beside_the_verdict_and_nothing_is_reported_of_a_rest_that_is_not():
-    assert said(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
+    assert lines_of(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
 
 
 def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(driven, case):

@@ -18,11 +18,11 @@ def with_more(run, **sizes: int):
 
 def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(driven, case):
     run = with_more(driven(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
-    said = unused([run, run], case)
-    assert len(said) == 2, "once for all runs, and nothing of battery and temperature"
-    assert [one.code for one in said] == ["use.not-in-file"] * 2
-    assert said[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
-    assert said[1].figures["kind"] == "wheels"
+    notes = unused([run, run], case)
+    assert len(notes) == 2, "once for all runs, and nothing of battery and temperature"
+    assert [one.code for one in notes] == ["use.not-in-file"] * 2
+    assert notes[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
+    assert notes[1].figures["kind"] == "wheels"
     assert unused([driven(0, 2.0)], case) == []
 
 
@@ -34,10 +34,10 @@ def test_it_is_reported_before_the_fit_unless_sensors_are_named(driven, tmp_path
 
     monkeypatch.chdir(tmp_path)
     write_run(with_more(driven(0, 5.0), odometer=1), tmp_path / "run.mcap")
-    told = []
+    texts = []
     for use in ([], ["--use", "imu"]):
         with pytest.raises(SystemExit):
             main(["identify", "run.mcap", "--vehicle", "case-study-1", "--no-noise", *use])
-        told.append("has sensor odometer, which" in capsys.readouterr().err)
-    assert told == [True, False]
+        texts.append("has sensor odometer, which" in capsys.readouterr().err)
+    assert texts == [True, False]
     assert load("case-study-1").sensors._fields == ("imu",)

@@ -68,7 +68,7 @@ def watch(
 ) -> tuple[list[Finding], Watching]:
     """Return each finding when it began, and again when it was DEGRADED; and the monitor afterwards."""
     file, estimator, sensors = kind_of(kind, tuple(wrong.items()))
-    belief, found = estimator.init(), []
+    belief, findings = estimator.init(), []
     sensors.begin()
     for tick in run.ticks():
         tick = tick._replace(
@@ -77,8 +77,8 @@ def watch(
         belief, estimate = estimator.step(belief, tick)
         for notice in sensors.update(tick, estimate):
             if notice.finding is not None:
-                found.append(notice.finding)
-    return found, sensors
+                findings.append(notice.finding)
+    return findings, sensors
 
 
 def damaged(run: Run, sensor: str, numbers: Sequence[int], how: str, limit: float = np.inf) -> Run:

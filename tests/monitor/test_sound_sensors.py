@@ -10,8 +10,8 @@ from tests.monitor.driven import drives, watch
 @pytest.mark.parametrize("kind", ["robot", "wheels", "car"])
 def test_nothing_is_reported_of_sensors_that_are_whole(kind):
     for run in drives(kind, 10):
-        found, sensors = watch(kind, run)
-        assert [one.diagnostic for one in found] == []
+        findings, sensors = watch(kind, run)
+        assert [one.diagnostic for one in findings] == []
         assert sensors.degraded == ()
 
 

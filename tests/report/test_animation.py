@@ -33,8 +33,8 @@ def svg(run):
 
 
 def elements(svg, kind):
-    found = tree.fromstring(svg).iter("{http://www.w3.org/2000/svg}" + kind)
-    return list(found)
+    children = tree.fromstring(svg).iter("{http://www.w3.org/2000/svg}" + kind)
+    return list(children)
 
 
 def test_the_picture_is_one_small_file_without_script_or_network(svg):

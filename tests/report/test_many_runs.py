@@ -30,9 +30,9 @@ def many():
 
 
 def test_the_table_has_a_line_per_channel_and_names_the_worst_run(many):
-    told = [line for line in many.table().splitlines() if "of 12 runs: noise" in line]
-    assert [line.split()[0] for line in told] == ["odometer[0]", "imu[2]"]
-    assert all(line.endswith("of run-11") for line in told)
+    lines = [line for line in many.table().splitlines() if "of 12 runs: noise" in line]
+    assert [line.split()[0] for line in lines] == ["odometer[0]", "imu[2]"]
+    assert all(line.endswith("of run-11") for line in lines)
 
 
 def test_the_page_draws_the_runs_that_are_explained_least(many):
@@ -99,8 +99,8 @@ def test_data_and_model_are_drawn_where_most_moves_and_the_caption_says_when(man
     t_s = 0.02 * np.arange(4000)
     moved = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)
     channels = tuple(c._replace(t_s=t_s, measured=moved, predicted=moved) for c in many.channels[:2])
-    for shown, said in ((channels, "20 s from 40 s, with most motion"), (many.channels[:2], "all 3 s")):
+    for shown, period in ((channels, "20 s from 40 s, with most motion"), (many.channels[:2], "all 3 s")):
         page = page_of_fit(replace(many, runs=many.runs[:1], channels=shown))
         drawn = next(s for s in page.sections if s.title.startswith("Data and model")).parts[0]
         assert isinstance(drawn, Drawing)
-        assert drawn.caption.startswith(f"Sensors and model, {said}.")
+        assert drawn.caption.startswith(f"Sensors and model, {period}.")

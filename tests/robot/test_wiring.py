@@ -95,8 +95,8 @@ def test_the_table_of_the_header_is_what_the_program_does():
 
 @EITHER
 def test_fw3_every_pin_that_lets_a_motor_run_is_held_low_while_the_uno_starts(bridge):
-    held = {a for _, a, b, _ in drawn(bridge) if b.startswith("10k of")}
-    assert held == {
+    low_pins = {a for _, a, b, _ in drawn(bridge) if b.startswith("10k of")}
+    assert low_pins == {
         f"Uno {pin}"
         for pin in (of("pwm"), of("pwm", 1), of("standby"))
         if bridge.standby or pin != of("standby")

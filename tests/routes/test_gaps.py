@@ -34,8 +34,8 @@ def test_a_chord_across_a_circle_is_a_gap():
 
 def test_poses_too_sparse_for_their_turn_are_a_gap_and_enough_of_them_are_not():
     lap = circle(0.5, 0.2)
-    for every, found in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
-        assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == found
+    for every, expected in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
+        assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == expected
 
 
 @pytest.mark.parametrize("name", ["t_s", "eta", "nu"])

@@ -159,8 +159,8 @@ class Lab:
     def run(self, **format):
         return import_run(self.save(**format))
 
-    def refused(self, said, **format):
-        with pytest.raises(FileError, match=said) as caught:
+    def refused(self, message, **format):
+        with pytest.raises(FileError, match=message) as caught:
             self.run(**format)
         assert "\n" not in str(caught.value)
         return str(caught.value)

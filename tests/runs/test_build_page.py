@@ -86,16 +86,16 @@ def test_the_settings_that_the_page_names_exist():
     given = dict(re.findall(r"--([a-z-]+) (\S+)", line))
     assert given.keys() <= NAMES.keys()
     assert all(value in NAMES[name][0].split("|") for name, value in given.items() if "|" in NAMES[name][0])
-    (told,) = re.findall(r"The first sets what is named \((.*?)\)", PAGE)
+    (names,) = re.findall(r"The first sets what is named \((.*?)\)", PAGE)
     offered = {value for name in ("bridge", "encoders", "mark") for value in NAMES[name][0].split("|")}
-    assert set(re.findall(r"`(\w+)`", told)) == offered
+    assert set(re.findall(r"`(\w+)`", names)) == offered
 
 
 def test_the_keys_of_the_robot_that_the_pages_name_exist():
-    known = set(Hardware.__dataclass_fields__)
+    keys = set(Hardware.__dataclass_fields__)
     for page in (PAGE, (ROOT / "docs/robot.md").read_text(encoding="utf-8")):
         named = set(re.findall(r"`\[robot\] (\w+)", page)) | set(
             re.findall(r"\b(imu_\w+|least_\w+|max_\w+) =", page)
         )
         assert named
-        assert named <= known
+        assert named <= keys

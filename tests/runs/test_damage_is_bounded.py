@@ -103,12 +103,12 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, 
         place
     ]
     spoilt = Counted(before + FILLED[fill](SIZE) + after)
-    found = mcap_records.scan(spoilt)
+    scan = mcap_records.scan(spoilt)
     assert spoilt.searched <= 2 * len(spoilt)
     assert len(records) <= len(spoilt) // 8 + 1
     assert sum(summed) <= 4 * mcap_records.AGAIN * len(spoilt)
-    assert len(found.problems) <= mcap_records.MOST_REPORTED
-    assert (place != "alone") == bool(found.messages)
+    assert len(scan.problems) <= mcap_records.MOST_REPORTED
+    assert (place != "alone") == bool(scan.messages)
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -127,14 +127,14 @@ def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked, at, size
     else:
         end = min(at + size, len(data))
         spoilt = data[:at] + FILLED[fill](end - at) + data[end:]
-    found, whole = mcap_records.scan(spoilt), mcap_records.scan(data)
+    scan, whole = mcap_records.scan(spoilt), mcap_records.scan(data)
     (key,) = whole.messages
-    times = set(found.messages[key].t_ns)
+    times = set(scan.messages[key].t_ns)
     for start, stop in chunks:
         if stop <= at or start >= end:
-            held = mcap_records.scan(MAGIC + data[start:stop]).messages[key]
-            assert set(held.t_ns) <= times
-    assert list(found.messages[key].t_ns) == sorted(times)
+            original = mcap_records.scan(MAGIC + data[start:stop]).messages[key]
+            assert set(original.t_ns) <= times
+    assert list(scan.messages[key].t_ns) == sorted(times)
     assert times <= set(whole.messages[key].t_ns)
 
 
@@ -200,7 +200,7 @@ def topics(writer, channel):
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 @pytest.mark.parametrize(
-    ("fill", "chunk_size", "said"),
+    ("fill", "chunk_size", "message"),
     [
         (commands(9000, 1000), 2**18, ("runs.unpacks-too-much", {})),
         (commands(6000, 1000), 2**26, ("runs.unpacks-too-much", {})),
@@ -209,11 +209,11 @@ def topics(writer, channel):
         (topics, 2**18, ("runs.topics", {"count": 1501, "most": 1000})),
     ],
 )
-def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, said, compression):
+def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, message, compression):
     path = written(tmp_path / "bomb.mcap", fill, chunk_size, compression)
     tracemalloc.start()
     try:
-        with refused(said[0], FileError, **said[1]) as caught:
+        with refused(message[0], FileError, **message[1]) as caught:
             read_run(path)
         peak = tracemalloc.get_traced_memory()[1]
     finally:

@@ -29,7 +29,7 @@ def swapped(where, a, b):
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         (scaled("wz", DEG), r"imu.z\[2\] .*write unit = \"deg/s\""),
         (scaled("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by a factor of 57.3"),
@@ -51,9 +51,9 @@ def swapped(where, a, b):
         (camera("yaw", DEG), r"\[truth\] eta\[2\]: .*perhaps unit = \"deg\"|perhaps unit = \"deg\""),
     ],
 )  # fmt: skip
-def test_what_contradicts_the_map_is_refused_with_the_line_to_write(lab, damage, said):
+def test_what_contradicts_the_map_is_refused_with_the_line_to_write(lab, damage, message):
     damage(lab)
-    assert "accept = [" in lab.refused(said)
+    assert "accept = [" in lab.refused(message)
 
 
 def test_positions_in_millimetres_are_refused(lab):
@@ -305,11 +305,11 @@ def test_wheels_that_turn_as_the_gyro_does_raise_no_doubt(lab, track_m, truth):
 
 def test_a_gyro_that_wheels_and_accelerometer_contradict_is_inverted_and_not_the_accelerometer(lab):
     lab.board["wz"] = -lab.board["wz"]
-    said = by_wheels(lab).refused(
+    message = by_wheels(lab).refused(
         r"\[sensors.wheels\] and sensors.imu.z\[2\] have opposite signs .*and sensors.imu.z\[1\] contradicts it"
     )
-    assert "write scale = -1 for sensors.imu.z[2]" in said
-    assert "sensors.imu.z[1] is" not in said
+    assert "write scale = -1 for sensors.imu.z[2]" in message
+    assert "sensors.imu.z[1] is" not in message
     mended = lab.edit('"wz", unit = "rad/s"', '"wz", unit = "rad/s", scale = -1')
     assert mended.codes() == ["no command yet"]
 
@@ -321,9 +321,11 @@ def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab
         lab.board["wz"], lab.board["ay"] = -lab.board["wz"], -lab.board["ay"]
     else:
         lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    said = lab.refused(r"opposite signs of the turning \(correlation -\d.\d\d\).*if the IMU is upside down")
-    assert "swap left and right of [sensors.wheels]" in said
-    assert "times what speed and turning give" not in said
+    message = lab.refused(
+        r"opposite signs of the turning \(correlation -\d.\d\d\).*if the IMU is upside down"
+    )
+    assert "swap left and right of [sensors.wheels]" in message
+    assert "times what speed and turning give" not in message
 
 
 def test_wheels_that_the_camera_contradicts_are_swapped(lab):
@@ -339,10 +341,10 @@ def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, apa
     by_wheels(lab, truth=False)
     for side in "lr":
         lab.board[side] = factor * lab.board[side]
-    said = lab.refused(
+    message = lab.refused(
         rf"with wheels that are {apart}\d* m apart .*check the scale of both: counts_per_turn, radius_m"
     )
-    assert "accept = [" in said
+    assert "accept = [" in message
 
 
 def test_wheels_that_have_nothing_to_do_with_the_gyro_are_reported(lab):

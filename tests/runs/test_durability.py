@@ -57,9 +57,9 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
         time.sleep(0.9 if k == 0 else 0.17)
         program.kill()
     for program, path in zip(running, paths, strict=True):
-        said = [int(line) for line in program.communicate()[0].split()]
+        printed = [int(line) for line in program.communicate()[0].split()]
         run = read_run(path)
-        lost_s = (said[-1] - run.t_ns[-1]) * 1e-9
+        lost_s = (printed[-1] - run.t_ns[-1]) * 1e-9
         assert lost_s <= 1.0
         assert run.notes[0].code == "run.not-closed"
         assert run.metadata["seed"] == "1"
@@ -177,17 +177,17 @@ def chunk(records, size, compression, packed):
 
 
 @pytest.mark.parametrize("compression", [b"zstd", b"lz4"])
-@pytest.mark.parametrize("says", ["truth", "little"])
-def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, says):
+@pytest.mark.parametrize("message", ["truth", "little"])
+def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, message):
     import lz4.frame
     import zstandard
 
     big = bytes(300 * 2**20)
-    packed = zstandard.ZstdCompressor(write_content_size=says == "truth").compress(big)
+    packed = zstandard.ZstdCompressor(write_content_size=message == "truth").compress(big)
     packed = packed if compression == b"zstd" else lz4.frame.compress(big)
     del big
     path = mcap(
-        tmp_path / "bomb.mcap", chunk(b"", 300 * 2**20 if says == "truth" else 1000, compression, packed)
+        tmp_path / "bomb.mcap", chunk(b"", 300 * 2**20 if message == "truth" else 1000, compression, packed)
     )
     began = time.process_time()
     with refused("runs.nothing-saved", FileError):
@@ -196,7 +196,7 @@ def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression
 
 
 @pytest.mark.parametrize(
-    ("records", "compression", "packed", "said"),
+    ("records", "compression", "packed", "message"),
     [
         (b"\x05", b"", b"\x05", ("runs.nothing-saved", {})),
         (struct.pack("<BQ", 5, 99), b"", None, ("runs.nothing-saved", {})),
@@ -207,9 +207,9 @@ def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression
         (b"abc", b"lz4", bytes(40), ("runs.nothing-saved", {})),
     ],
 )
-def test_a_chunk_of_nonsense_is_named(tmp_path, records, compression, packed, said):
+def test_a_chunk_of_nonsense_is_named(tmp_path, records, compression, packed, message):
     data = chunk(records, len(records), compression, records if packed is None else packed)
-    with refused(said[0], FileError, **said[1]):
+    with refused(message[0], FileError, **message[1]):
         read_run(mcap(tmp_path / "x.mcap", data))
 
 
@@ -333,6 +333,6 @@ def test_a_crash_while_a_whole_run_is_written_leaves_no_file(run, tmp_path, monk
 
 def test_a_long_record_that_is_none_ends_the_walk():
     data = mcap_records.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
-    found = mcap_records.scan(data)
-    assert not found.complete
-    assert found.messages == {}
+    scan = mcap_records.scan(data)
+    assert not scan.complete
+    assert scan.messages == {}

@@ -71,15 +71,15 @@ def test_an_mcap_file_of_others_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("size", "said"),
+    ("size", "message"),
     [
         (None, ("damage.channel-size", {})),
         ("x", ("damage.channel-size", {})),
         ("2", ("damage.message-bytes", {"bytes": 52})),
     ],
 )
-def test_a_topic_of_ours_that_others_wrote_is_named(tmp_path, size, said):
-    with refused(said[0], FileError, **said[1]):
+def test_a_topic_of_ours_that_others_wrote_is_named(tmp_path, size, message):
+    with refused(message[0], FileError, **message[1]):
         read_run(foreign(tmp_path / "a.mcap", "/command/applied", b"abc", size))
 
 

@@ -213,7 +213,7 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         (
             "# closed = true\n",
@@ -226,12 +226,12 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
         ("\n0.1,", "\nnan,", "route.not-number"),
     ],
 )
-def test_a_route_that_is_none_is_named(route, tmp_path, old, new, said):
+def test_a_route_that_is_none_is_named(route, tmp_path, old, new, message):
     path = write_route(route, tmp_path / "lap.csv")
     text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with refused(said, FileError):
+    with refused(message, FileError):
         read_route(path)
 
 

@@ -86,9 +86,9 @@ def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):
     measured = lab.run().run
     assert len(measured.truth.t_ns) == 150
     lab.edit("[truth]", '[truth]\nsample = "hold"')
-    held = lab.run().run
-    assert set(held.truth.t_ns) <= set(measured.t_ns)
-    assert set(held.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
+    imported_run = lab.run().run
+    assert set(imported_run.truth.t_ns) <= set(measured.t_ns)
+    assert set(imported_run.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
     lab.edit('sample = "hold"', 'sample = "linear"')
     drawn = lab.run().run
     true = np.interp(drawn.truth.t_ns, 1e9 + 1e9 * (lab.recording()[1]["t"] + 0.002), lab.recording()[1]["x"])
@@ -159,7 +159,7 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "pattern"),
     [
         ("format = 1", "format = 2", "format = 2; write format = 1"),
         ("format = 1", "", "format is missing; write format = 1"),
@@ -213,9 +213,9 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
         ("[truth]", '[truth]\nsample = "nearest"', r"sample = 'nearest'; write sample = \"measured\""),
     ],
 )
-def test_a_mistake_in_the_map_is_named_with_the_line_to_write(lab, old, new, said):
+def test_a_mistake_in_the_map_is_named_with_the_line_to_write(lab, old, new, pattern):
     lab.map = lab.map.replace(old, new, 1)
-    message = lab.refused(said)
+    message = lab.refused(pattern)
     assert "lab.toml" in message or "[files" in message or "board.csv" in message
 
 

@@ -140,8 +140,8 @@ def test_what_python_might_take_for_a_number_is_refused(cell):
     ],
 )
 def test_whole_numbers_are_read_exactly_or_not_at_all(cells, read):
-    found = LogTable("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
-    assert (None if found is None else found.tolist()) == read
+    numbers = LogTable("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
+    assert (None if numbers is None else numbers.tolist()) == read
 
 
 def test_what_the_map_says_of_a_csv_is_followed(lab):
@@ -214,13 +214,13 @@ def test_a_row_of_units_below_the_names_is_left_out_by_the_line_that_is_reported
     path.write_text("\n".join([head, "s,-,-,-,-,-,-,m/s", *lines]) + "\n", encoding="utf-8")
     text = lab.map.replace('column = "speed"', f'column = "{name}"')
     text = text.replace('path = "board.csv"', 'path = "board.csv"\nwhere = { }')
-    told = lab.folder / "told.toml"
-    told.write_text(text, encoding="utf-8")
+    map_file = lab.folder / "told.toml"
+    map_file.write_text(text, encoding="utf-8")
     with refused("table.word", FileError, column="t", found="s", key="t", line=2) as caught:
-        import_run(told)
+        import_run(map_file)
     (line,) = re.findall(r"leave the row out with (where = .*)\.$", str(caught.value))
-    told.write_text(text.replace("where = { }", line), encoding="utf-8")
-    assert import_run(told).run.applied.tobytes() == plain.applied.tobytes()
+    map_file.write_text(text.replace("where = { }", line), encoding="utf-8")
+    assert import_run(map_file).run.applied.tobytes() == plain.applied.tobytes()
     quoted = LogTable("log.csv", {name: ["m/s", "1"]}, np.arange(2))
     with pytest.raises(FileError) as caught:
         quoted.numbers(name)

@@ -106,7 +106,7 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
 
 
 @pytest.mark.parametrize(
-    "told",
+    "reading",
     [
         'unit = "counts", counts_per_turn = 600',
         'unit = "ticks", counts_per_turn = 600',
@@ -117,10 +117,10 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
         'unit = "rev", scale = 0.00166666666666666667',
     ],
 )
-def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_reported(board, told):
+def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_reported(board, reading):
     expected = read(board).sensors["wheels"].z / 0.001 * (2.0 * np.pi / 600.0) * 0.04
     assert np.max(np.abs(expected)) > 0.5
-    np.testing.assert_allclose(wheels_by(board, f"{told}, {COUNTER}"), expected, rtol=1e-9)
+    np.testing.assert_allclose(wheels_by(board, f"{reading}, {COUNTER}"), expected, rtol=1e-9)
 
 
 def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
@@ -134,7 +134,7 @@ def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "message"),
     [
         (f'unit = "counts", {COUNTER}', ("map.missing", {})),
         (
@@ -155,8 +155,8 @@ def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
         (f'unit = "m", {COUNTER}', ("expect.radius", {})),
     ],
 )
-def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, said):
-    with refused(said[0], FileError, **said[1]):
+def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, message):
+    with refused(message[0], FileError, **message[1]):
         wheels_by(board, entry)
 
 

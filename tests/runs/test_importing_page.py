@@ -83,8 +83,8 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(here, capsys):
     ):
         estimate, sd = (np.array(x)[index] for x in (fitted.value(name), fitted.provenance[name].sd))
         assert abs(estimate - true) < 4.0 * sd + 0.02 * true, (name, estimate, sd)
-    said = capsys.readouterr()
-    assert "held out" in said.out + said.err
+    printed = capsys.readouterr()
+    assert "held out" in printed.out + printed.err
     for line in of_page("sh", 2).splitlines():
         run_line(line)
     replayed, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))

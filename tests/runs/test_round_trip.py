@@ -81,8 +81,8 @@ def test_ticks_bring_the_newest_measurement_since_the_tick_before():
     arrival = np.array([5, 9, 20, 31, 39, 45])
     z = np.arange(6.0)[:, None]
     run = Run("x", None, t_ns, np.zeros((4, 1)), sensors={"a": Channel(arrival - 3, arrival, z)})
-    seen = [(tick.t_ns, tick.sensors.a.has, float(tick.sensors.a.z[0])) for tick in run.ticks()]
-    assert seen == [(10, 1.0, 1.0), (20, 1.0, 2.0), (30, 0.0, 0.0), (40, 1.0, 4.0)]
+    rows = [(tick.t_ns, tick.sensors.a.has, float(tick.sensors.a.z[0])) for tick in run.ticks()]
+    assert rows == [(10, 1.0, 1.0), (20, 1.0, 2.0), (30, 0.0, 0.0), (40, 1.0, 4.0)]
 
 
 def test_a_cut_gives_the_same_ticks_as_the_whole_run(run):
@@ -231,7 +231,7 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (
             {"t_ns": np.array([1, 1])},
@@ -258,6 +258,6 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
         ({"estimate": COV}, ("run.shape", {"name": "estimate.cov"})),
     ],
 )
-def test_a_run_of_wrong_shapes_is_refused(change, said):
-    with refused(said[0], ValueError, **said[1]):
+def test_a_run_of_wrong_shapes_is_refused(change, message):
+    with refused(message[0], ValueError, **message[1]):
         Run(**{"name": "x", "path": None, "t_ns": TWO, "applied": np.zeros((2, 1))} | change)

@@ -99,8 +99,8 @@ def test_a_recording_is_the_same_in_every_back_end(name):
     assert 0.0 < plain[:, 0].mean() <= 1.0
     for backend in ("python", "c"):
         end, slots = scan(step, sensor.init(), at(inputs, 0), backend=backend).run(inputs)
-        found = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in slots], axis=1)
-        assert np.all(np.abs(found - plain) <= 1e-12 * np.maximum(1.0, np.abs(plain))), backend
+        outputs = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in slots], axis=1)
+        assert np.all(np.abs(outputs - plain) <= 1e-12 * np.maximum(1.0, np.abs(plain))), backend
         assert flat(end) == pytest.approx(flat(state), abs=1e-12, rel=1e-12), backend
 
 
@@ -131,6 +131,6 @@ def test_every_parameter_of_the_belief_in_an_imu_can_be_derived():
             imu = put(imu, path, value)
         return imu.h(moved)
 
-    found = jacobian(h)(start)
-    assert found == pytest.approx(differences(h, start), abs=1e-7, rel=1e-7)
-    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
+    slope = jacobian(h)(start)
+    assert slope == pytest.approx(differences(h, start), abs=1e-7, rel=1e-7)
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"

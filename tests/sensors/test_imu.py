@@ -73,13 +73,13 @@ def test_nose_down_mounting_reads_gravity_backwards_and_left_side_up_reads_it_to
 
 @QUICK
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), arrays(float, 2, elements=st.floats(-3.0, 3.0)))
-def test_a_tilted_imu_is_a_rotated_one(roll, pitch, felt):
+def test_a_tilted_imu_is_a_rotated_one(roll, pitch, force):
     c, s = np.cos, np.sin
     about_x = np.array([[1, 0, 0], [0, c(roll), -s(roll)], [0, s(roll), c(roll)]])
     about_y = np.array([[c(pitch), 0, s(pitch)], [0, 1, 0], [-s(pitch), 0, c(pitch)]])
     imu_from_body = (about_y @ about_x).T
-    z = Imu(tilt_rad=np.array([roll, pitch])).h(motion(nu=[0, 0, 1.5], nu_dot=[*felt, 0.0]))
-    assert z[:2] == pytest.approx((imu_from_body @ [felt[0], felt[1], G])[:2], abs=1e-12)
+    z = Imu(tilt_rad=np.array([roll, pitch])).h(motion(nu=[0, 0, 1.5], nu_dot=[*force, 0.0]))
+    assert z[:2] == pytest.approx((imu_from_body @ [force[0], force[1], G])[:2], abs=1e-12)
     assert z[2] == pytest.approx((imu_from_body @ [0.0, 0.0, 1.5])[2], abs=1e-12)
 
 
@@ -101,8 +101,8 @@ def test_what_it_feels_is_the_second_derivative_of_where_it_is():
             moved = motion(nu, p.nu_dot(nu, effort), eta=eta)
         eta, nu, _ = p.advance(eta, nu, steady(effort), h)
     acceleration = (places[0] - 2.0 * places[1] + places[2]) / h**2
-    felt = map_from_body(moved.eta[2])[:2, :2].T @ acceleration
-    assert Imu(lever_arm_m=lever).h(moved)[:2] == pytest.approx(felt, abs=1e-5)
+    force = map_from_body(moved.eta[2])[:2, :2].T @ acceleration
+    assert Imu(lever_arm_m=lever).h(moved)[:2] == pytest.approx(force, abs=1e-5)
 
 
 @QUICK

@@ -49,9 +49,12 @@ def result(best: float, bound: tuple[str, ...] = (), stopped: str = "", drives: 
                     SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stopped
                 )
             )
-    found = SweepResult(tuple(driven), 0, "pd")
-    known = Contestant("pd", "pd", {"alpha": 1.0}, ()), Contestant("mine", "my.py:Mine", {"k": 1.0}, bound)
-    return Controllers(dict.fromkeys(JUDGED, found), known, 10, ())
+    result_of = SweepResult(tuple(driven), 0, "pd")
+    contestants = (
+        Contestant("pd", "pd", {"alpha": 1.0}, ()),
+        Contestant("mine", "my.py:Mine", {"k": 1.0}, bound),
+    )
+    return Controllers(dict.fromkeys(JUDGED, result_of), contestants, 10, ())
 
 
 def test_the_verdict_is_by_code():
@@ -90,9 +93,9 @@ class Mine(Kanayama):
 def test_the_papers_pd_and_ones_own_are_judged_on_the_same_robot(tmp_path, monkeypatch):
     (tmp_path / "my.py").write_text(MINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    found = controllers(1, 3, kinds=("pd",), own=("my.py:Mine",), starts=1)
-    rows = found.rows()
+    study = controllers(1, 3, kinds=("pd",), own=("my.py:Mine",), starts=1)
+    rows = study.rows()
     assert [row["controller"] for row in rows] == ["pd", "my.py:Mine"]
     assert rows[1]["pose_median_m"] < 0.5 * rows[0]["pose_median_m"]
     assert rows[1]["truth_median_m"] > rows[1]["estimate_median_m"]  # the drift hides the controller
-    assert {d.name for d in found.drives["pose"].drives} == {"robot 3, sinuous", "robot 3, rectangle"}
+    assert {d.name for d in study.drives["pose"].drives} == {"robot 3, sinuous", "robot 3, rectangle"}

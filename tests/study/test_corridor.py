@@ -18,17 +18,17 @@ def cases(n, claimed, rng, heading=0.1):
 
 @pytest.mark.parametrize(("claimed", "ok"), [(1.0, True), (0.8, False), (1.3, False)])
 def test_a_region_that_is_right_passes_and_one_that_is_too_small_or_too_wide_is_reported(claimed, ok):
-    found = gathered(cases(500, claimed, np.random.default_rng(0)), 500, ())
-    assert [row["ok"] for row in found.rows()] == [ok, ok]
-    assert (found.verdict == "USABLE") is ok
-    assert all("at 10 s: coverage" in reason for reason in found.reasons)
+    study = gathered(cases(500, claimed, np.random.default_rng(0)), 500, ())
+    assert [row["ok"] for row in study.rows()] == [ok, ok]
+    assert (study.verdict == "USABLE") is ok
+    assert all("at 10 s: coverage" in reason for reason in study.reasons)
 
 
 def test_few_vehicles_miss_no_bar_by_chance():
     missed = 0
     for seed in range(100):
-        found = gathered(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
-        missed += any(row["ok"] is False for row in found.rows())
+        study = gathered(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
+        missed += any(row["ok"] is False for row in study.rows())
     assert missed <= 10  # two rows of 5 % at most each
 
 
@@ -52,8 +52,8 @@ def test_the_vehicles_have_the_imu_of_a_data_sheet():
 def test_a_vehicle_is_identified_driven_and_inside_its_corridor(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 30.0)
     monkeypatch.setattr(drives, "DRIVE_S", 12.0)
-    found = corridor.corridor(1, 3)
-    assert (found.vehicles, found.refused) == (1, ())
-    assert list(found.instants) == ["10 s"]
-    assert [row["coverage"] for row in found.rows()] == [1.0, 1.0]
-    assert "10 s" in found.table()
+    study = corridor.corridor(1, 3)
+    assert (study.vehicles, study.refused) == (1, ())
+    assert list(study.instants) == ["10 s"]
+    assert [row["coverage"] for row in study.rows()] == [1.0, 1.0]
+    assert "10 s" in study.table()

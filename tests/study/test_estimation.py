@@ -73,9 +73,9 @@ def test_open_loop_is_the_simulation_under_the_commands():
 def test_speed_of_a_camera_is_that_along_the_heading():
     _, run = circle(5.0)
     speed = true_speed(run.t_ns, run.truth)
-    known = np.isfinite(speed)
-    assert known[20:-20].all()
-    assert np.max(np.abs(speed[known] - V)) < 2e-3  # (R · 0.15 s)² / 10 of it
+    finite = np.isfinite(speed)
+    assert finite[20:-20].all()
+    assert np.max(np.abs(speed[finite] - V)) < 2e-3  # (R · 0.15 s)² / 10 of it
 
 
 def test_a_path_with_half_the_error_has_half_the_ratio():
@@ -83,22 +83,22 @@ def test_a_path_with_half_the_error_has_half_the_ratio():
     eta = run.truth.eta.copy()
     off = 0.01 * run.t_s[:, None] * [1.0, 0.0, 0.0]
     speed = np.full(len(run.t_ns), V)
-    found = beside(
+    ratios = beside(
         run.t_ns,
         EstimatedPath(eta + 0.5 * off, speed + 0.05),
         EstimatedPath(eta + off, speed + 0.1),
         run.truth,
     )
-    assert list(found) == list(QUANTITIES)
-    assert found[SPEED].ratio[0] == pytest.approx(0.5, abs=0.01)
+    assert list(ratios) == list(QUANTITIES)
+    assert ratios[SPEED].ratio[0] == pytest.approx(0.5, abs=0.01)
     for name in QUANTITIES[1:]:
-        assert found[name].ratio[0] == pytest.approx(0.5, abs=1e-6)
-    assert found[WHOLE].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
-    assert found[QUANTITIES[2]].rms[1] == pytest.approx(
+        assert ratios[name].ratio[0] == pytest.approx(0.5, abs=1e-6)
+    assert ratios[WHOLE].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
+    assert ratios[QUANTITIES[2]].rms[1] == pytest.approx(
         0.1 / np.sqrt(3), rel=0.01
     )  # begins afresh after 10 s
-    assert len(found[QUANTITIES[2]].samples) == 6
-    assert np.isnan(found[WHOLE].ratio[1])  # one block tells no interval
+    assert len(ratios[QUANTITIES[2]].samples) == 6
+    assert np.isnan(ratios[WHOLE].ratio[1])  # one block tells no interval
 
 
 def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
@@ -139,11 +139,11 @@ def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets
 
 def test_a_fit_that_is_refused_is_shown_and_not_counted():
     bad = made(3.0)._replace(recording="there", fit="REFUSED")
-    found = EstimationStudy((made(0.6), bad))
-    assert found.verdict == "USABLE"
-    assert {row["ok"] for row in found.rows() if row["recording"] == "there"} == {None}
-    assert found.pooled()[0]["value"] == pytest.approx(0.6)
-    assert "there: its fit is REFUSED" in found.table()
+    study = EstimationStudy((made(0.6), bad))
+    assert study.verdict == "USABLE"
+    assert {row["ok"] for row in study.rows() if row["recording"] == "there"} == {None}
+    assert study.pooled()[0]["value"] == pytest.approx(0.6)
+    assert "there: its fit is REFUSED" in study.table()
 
 
 def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
@@ -152,9 +152,9 @@ def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--json"])
     assert end.value.code == 0
-    said = json.loads(capsys.readouterr().out)
-    assert {"recording", "estimator", "quantity", "value", "reference", "ok"} <= set(said["rows"][0])
-    assert said["verdict"] == "WARN"
+    printed = json.loads(capsys.readouterr().out)
+    assert {"recording", "estimator", "quantity", "value", "reference", "ok"} <= set(printed["rows"][0])
+    assert printed["verdict"] == "WARN"
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--case", "cmp"])
     assert end.value.code == 2
@@ -209,8 +209,8 @@ def test_each_vehicle_has_rows_for_machines_and_none_in_the_table():
     outcomes = [simulated.SimulatedOutcome(0, "slope", (made(0.6), made(1.2)), "")]
     rows = simulated.each_vehicle(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]
-    found = EstimationStudy((), tuple(simulated.rows(outcomes)), tuple(rows))
-    assert [row for row in found.rows() if row["quantity"] == SPEED] == [
+    study = EstimationStudy((), tuple(simulated.rows(outcomes)), tuple(rows))
+    assert [row for row in study.rows() if row["quantity"] == SPEED] == [
         r for r in rows if r["quantity"] == SPEED
     ]
-    assert "here" not in found.table()
+    assert "here" not in study.table()

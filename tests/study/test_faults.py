@@ -55,15 +55,15 @@ def made(fault, verdict, off):
 
 
 def test_one_wrong_fit_that_is_called_usable_fails_the_study():
-    found = Faults((made("sound", "USABLE", False), made("lag", "USABLE", True)), 2, 2)
-    assert found.verdict == "REFUSED"
-    assert "1 wrong fits with lag were called USABLE" in found.reasons
+    study = Faults((made("sound", "USABLE", False), made("lag", "USABLE", True)), 2, 2)
+    assert study.verdict == "REFUSED"
+    assert "1 wrong fits with lag were called USABLE" in study.reasons
 
 
 def test_a_fit_that_crashes_fails_the_study():
-    found = Faults((made("sound", "USABLE", False), made("lag", "CRASH", False)), 2, 2)
-    assert found.verdict == "REFUSED"
-    assert found.reasons == ("1 fits with lag crashed",)
+    study = Faults((made("sound", "USABLE", False), made("lag", "CRASH", False)), 2, 2)
+    assert study.verdict == "REFUSED"
+    assert study.reasons == ("1 fits with lag crashed",)
 
 
 def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
@@ -142,14 +142,14 @@ def test_the_command_line_answers_in_rows_and_says_no_where_the_detectors_fail(
     from baqueano.cli import main
     from baqueano.study import faults as room
 
-    found = Faults((made("sound", "USABLE", False), made("lag", "USABLE", off)), 2, 2)
-    monkeypatch.setattr(room, "faults", lambda *args, **options: found)
+    study = Faults((made("sound", "USABLE", False), made("lag", "USABLE", off)), 2, 2)
+    monkeypatch.setattr(room, "faults", lambda *args, **options: study)
     with pytest.raises(SystemExit) as ended:
         main(["study", "faults", "--seeds", "1", "--json"])
     assert ended.value.code == code
-    said = json.loads(capsys.readouterr().out)
-    assert [row["wrongly_usable"] for row in said["rows"]] == [0, int(off)]
-    assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(said["rows"][0])
+    printed = json.loads(capsys.readouterr().out)
+    assert [row["wrongly_usable"] for row in printed["rows"]] == [0, int(off)]
+    assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(printed["rows"][0])
 
 
 def test_a_study_that_was_stopped_tells_what_is_done(monkeypatch, capsys):

@@ -86,10 +86,10 @@ def test_cover_and_width_are_counted_over_all_cases():
     assert all(row["ok"] for row in of_intervals(inside, width))
     inside[:, 0], width[2, 1] = False, 0.41
     rows = {row["quantity"]: row for row in of_intervals(inside, width)}
-    held = rows["intervals that hold the odometer's fit"]
-    assert held["value"] == pytest.approx(0.8)
-    assert not held["ok"]
-    assert held["value"] < HELD
+    row = rows["intervals that hold the odometer's fit"]
+    assert row["value"] == pytest.approx(0.8)
+    assert not row["ok"]
+    assert row["value"] < HELD
     assert not rows["widest of viscous drag, ± parts"]["ok"]
     assert rows["widest of gain, ± parts"]["ok"]
 
@@ -106,11 +106,11 @@ def test_the_steady_speed_and_its_error_are_those_of_gain_and_friction():
         names=DRIVE, estimate=mean, cov=cov, sd=np.sqrt(np.diag(cov)),
         value=lambda name: float(mean[DRIVE.index(name)]),
     )  # fmt: skip
-    known = drive_of(fit, load("car"))
+    motion = drive_of(fit, load("car"))
     draws = rng.multivariate_normal(mean, cov, size=40_000)
     speeds = (draws[:, 0] * (0.4 - 0.03) - draws[:, 2]) / draws[:, 1]
-    assert known.value[4] == pytest.approx((7.4 * 0.37 - 0.6) / 1.8)
-    assert known.sd[4] == pytest.approx(np.std(speeds), rel=0.03)
+    assert motion.value[4] == pytest.approx((7.4 * 0.37 - 0.6) / 1.8)
+    assert motion.sd[4] == pytest.approx(np.std(speeds), rel=0.03)
 
 
 def test_the_command_prints_its_rows(study, capsys, monkeypatch):

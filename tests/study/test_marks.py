@@ -15,8 +15,8 @@ TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
 
 def read(floor, way):
     """The readings of one vehicle along a way (T, 2), by the index of its step."""
-    told = [floor.read(0.01 * (k + 1), xy[None])[0] for k, xy in enumerate(way)]
-    return {k: z for k, z in enumerate(told) if not np.isnan(z[0])}
+    readings = [floor.read(0.01 * (k + 1), xy[None])[0] for k, xy in enumerate(way)]
+    return {k: z for k, z in enumerate(readings) if not np.isnan(z[0])}
 
 
 def floor(seed=0, faults=TagFaults(), noise=0.0):  # noqa: B008 a tuple
@@ -28,8 +28,8 @@ def line(y, n=300):
 
 
 def test_a_tag_is_reported_once_where_the_vehicle_is_nearest_and_not_beside_its_radius():
-    told = read(floor(), line(0.05))
-    ((k, z),) = told.items()
+    readings = read(floor(), line(0.05))
+    ((k, z),) = readings.items()
     assert z == pytest.approx([1.0, 0.05], abs=0.02)
     assert 99 <= k <= 101
     assert read(floor(), line(0.11)) == {}
@@ -78,9 +78,9 @@ def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch)
     """A gyro known to 3 % alone turns the heading by up to 43° in four laps."""
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(marks, "LEARNED", 3)
-    found = marks.marks(1, 40, 4, shapes=("rectangle",), read=("all read",))
-    assert (found.verdict, found.refused) == ("USABLE", ())
-    later = found.rows()[-1]
+    study = marks.marks(1, 40, 4, shapes=("rectangle",), read=("all read",))
+    assert (study.verdict, study.refused) == ("USABLE", ())
+    later = study.rows()[-1]
     assert later["lap"] == "4-4"
     assert later["position_worst_m"] < 0.05
     assert np.degrees(later["heading_worst_rad"]) < 3.0
@@ -98,9 +98,9 @@ def made(error_m, sd_m, laps=5, across_m=0.02, read="all read"):
 
 
 def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_not_an_excuse():
-    found = made(0.02, 0.02, across_m=-0.12, read="faults")
-    assert found.rows()[-1]["kept"] == 0.5
-    assert "eight, faults: 50% of the robots keep the route, 90 % expected" in found.reasons
+    study = made(0.02, 0.02, across_m=-0.12, read="faults")
+    assert study.rows()[-1]["kept"] == 0.5
+    assert "eight, faults: 50% of the robots keep the route, 90 % expected" in study.reasons
     assert made(0.02, 0.02).rows()[-1]["kept"] == 1.0
     assert "eight, all read, lap 3: 19 cm beside the route, 10 cm expected" in made(0, 1, 3, 0.2).reasons
 

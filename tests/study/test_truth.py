@@ -111,8 +111,8 @@ def between(vehicles, **values):
 def test_a_wheel_that_slips_pushes_no_more_than_its_grip_and_runs_ahead():
     q = between(robots(2), grip_n=np.array([0.3, np.inf]))
     world = TruthWorld(q, range(2))
-    felt = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
-    most = np.max(felt, axis=0)
+    velocities = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
+    most = np.max(velocities, axis=0)
     assert most[0] <= 2.0 * 0.3 / 0.61 + 1e-9 < most[1]
     assert world.rolled[0] > world.truth.nu[0, 0] + 0.1
     assert world.rolled[1] == world.truth.nu[1, 0]

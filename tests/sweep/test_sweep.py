@@ -28,8 +28,8 @@ class Mine(Kanayama):
 '''
 
 
-def rows_of(found: SweepResult) -> str:
-    return repr(found.rows()) + repr([drive.pieces for drive in found.drives])
+def rows_of(result: SweepResult) -> str:
+    return repr(result.rows()) + repr([drive.pieces for drive in result.drives])
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def cells(small):
 
 
 @pytest.fixture(scope="module")
-def found(cells):
+def result(cells):
     return one_process(**cells, processes=1)
 
 
@@ -76,8 +76,8 @@ def test_ate_and_rpe_of_a_replay_are_those_of_evo(alignment, figures):
     assert np.isnan(shown["across_rms_m"])
 
 
-def test_a_vehicle_that_begins_beside_its_route_joins_it(found):
-    rows = found.rows()
+def test_a_vehicle_that_begins_beside_its_route_joins_it(result):
+    rows = result.rows()
     assert [(row["cell"], row["drive"]) for row in rows[:3]] == [
         ("kanayama", "circle, seed 3"), ("kanayama", "circle, seed 4"), ("lqr", "circle, seed 3"),
     ]  # fmt: skip
@@ -88,7 +88,7 @@ def test_a_vehicle_that_begins_beside_its_route_joins_it(found):
     assert np.isnan(joined(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
 
 
-def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells, found, tmp_path):
+def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells, result, tmp_path):
     counts = []
 
     def until_two(n: int) -> None:
@@ -104,10 +104,10 @@ def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells
         kept[0].read_text()[:40]
     )  # half of a file: not what this program writes, so driven again
     again = one_process(**cells, processes=2, keep=tmp_path)
-    assert rows_of(again) == rows_of(found)
+    assert rows_of(again) == rows_of(result)
     assert len(list(tmp_path.iterdir())) == 4
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    assert rows_of(one_process(**cells, processes=1, keep=tmp_path)) == rows_of(found)
+    assert rows_of(one_process(**cells, processes=1, keep=tmp_path)) == rows_of(result)
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
@@ -167,16 +167,16 @@ def test_vehicles_and_runs_are_not_mixed(small):
         one_process([small, run], routes=ROUTE)
 
 
-def test_a_sweep_is_shown_in_twelve_lines_as_a_card_a_frame_and_a_page(found, tmp_path):
-    assert len(repr(found).splitlines()) <= 12
-    assert "lqr" in repr(found)
-    assert max(map(len, found.table().splitlines())) <= 110
-    frame = found.to_pandas()
+def test_a_sweep_is_shown_in_twelve_lines_as_a_card_a_frame_and_a_page(result, tmp_path):
+    assert len(repr(result).splitlines()) <= 12
+    assert "lqr" in repr(result)
+    assert max(map(len, result.table().splitlines())) <= 110
+    frame = result.to_pandas()
     assert (len(frame), set(frame["cell"])) == (4, {"kanayama", "lqr"})
-    assert "lqr" in found._repr_html_()
-    assert found.plot("differences").axes
+    assert "lqr" in result._repr_html_()
+    assert result.plot("differences").axes
     page = (
-        page_of_sweep(found, reproduce="baqueano sweep")
+        page_of_sweep(result, reproduce="baqueano sweep")
         .save(tmp_path / "sweep.html")
         .read_text(encoding="utf-8")
     )

@@ -64,8 +64,8 @@ def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> N
     return graph.make(op, inside(pick()), pick())
 
 
-def _values(roots: Iterable[Node], known: dict[Node, object], apply: Callable) -> list:
-    values = dict(known)
+def _values(roots: Iterable[Node], inputs: dict[Node, object], apply: Callable) -> list:
+    values = dict(inputs)
     for node in postorder(roots, lambda node: node in values):
         values[node] = node.value if node.op == "const" else apply(node, [values[a] for a in node.args])
     return [values[root] for root in roots]
@@ -95,8 +95,8 @@ def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[
     carry = _values(program.initial, given, apply)
     outputs = []
     for row in inputs:
-        known = given | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
-        both = _values((*program.outputs, *program.next_carry), known, apply)
+        values = given | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
+        both = _values((*program.outputs, *program.next_carry), values, apply)
         outputs += both[: len(program.outputs)]
         carry = both[len(program.outputs) :]
     return outputs, carry

@@ -97,9 +97,9 @@ def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setattr(compile.importlib.util, "find_spec", lambda name: None)
     compile._find.cache_clear()
-    found = compile.find()
-    assert found.compiler is None
-    assert found.why == fault("compiler.absent", "pip install ziglang")
+    search = compile.find()
+    assert search.compiler is None
+    assert search.why == fault("compiler.absent", "pip install ziglang")
     with refused("compiler.absent", compile.CompileError):
         compile.load(answer(45))
     compile._find.cache_clear()
@@ -107,16 +107,16 @@ def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
 
 def test_a_compiler_that_is_named_but_missing_is_reported_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
-    found = compile.find()
-    assert found.compiler is None
-    assert found.why == fault("compiler.no-command", found="no-such-compiler --fast")
+    search = compile.find()
+    assert search.compiler is None
+    assert search.why == fault("compiler.no-command", found="no-such-compiler --fast")
 
 
 def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
     monkeypatch.setenv("BAQUEANO_CC", f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'")
-    found = compile.find()
-    assert found.compiler is None
-    assert (found.why.code, found.why.figures["error"].strip()) == ("compiler.refuses", "out of order")
+    search = compile.find()
+    assert search.compiler is None
+    assert (search.why.code, search.why.figures["error"].strip()) == ("compiler.refuses", "out of order")
 
 
 def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):

@@ -29,31 +29,31 @@ def is_leaf(term) -> bool:
     return term.op in LEAVES
 
 
-def check(statements, known: set, roots=()) -> set:
+def check(statements, defined: set, roots=()) -> set:
     """Every argument is there when it is read, and no term is computed twice. Returns what is known then."""
-    known = set(known)
+    defined = set(defined)
     for s in statements:
         if isinstance(s, EmittedBranch):
-            assert is_leaf(s.condition) or s.condition in known
+            assert is_leaf(s.condition) or s.condition in defined
             for arm, body in ((1, s.then), (2, s.otherwise)):
-                inside = check(body, known)
+                inside = check(body, defined)
                 assert all(is_leaf(c.args[arm]) or c.args[arm] in inside for c in s.choices)
-            assert not known.intersection(s.choices)
-            known.update(s.choices)
+            assert not defined.intersection(s.choices)
+            defined.update(s.choices)
         else:
-            assert s not in known
-            assert all(is_leaf(a) or a in known for a in s.args)
-            known.add(s)
-    assert all(is_leaf(root) or root in known for root in roots)
-    return known
+            assert s not in defined
+            assert all(is_leaf(a) or a in defined for a in s.args)
+            defined.add(s)
+    assert all(is_leaf(root) or root in defined for root in roots)
+    return defined
 
 
 def branches(statements) -> list[EmittedBranch]:
-    found = []
+    branch_list = []
     for s in statements:
         if isinstance(s, EmittedBranch):
-            found += [s, *branches(s.then), *branches(s.otherwise)]
-    return found
+            branch_list += [s, *branches(s.then), *branches(s.otherwise)]
+    return branch_list
 
 
 @settings(max_examples=60)
@@ -97,8 +97,8 @@ def test_a_value_of_two_sources_and_three_users_is_a_row_of_its_own():
     stage = t.make("add", t.x, t.make("mul", t.y, speed))
     users = tuple(t.make(op, stage) for op in ("sin", "cos", "tanh"))
     program = Program(t.graph, theta, (), theta[:2], (t.x, speed), (t.y,), users[:2], users)
-    found = tangents(program, 0, 8, eliminate=True)
-    assert [len(row.args) // 2 for row in found.outputs] == [1, 1, 1]
+    tangent = tangents(program, 0, 8, eliminate=True)
+    assert [len(row.args) // 2 for row in tangent.outputs] == [1, 1, 1]
 
 
 def test_work_of_one_arm_is_done_in_that_arm_alone():
@@ -198,10 +198,10 @@ def test_a_fixed_divisor_is_inverted_before_the_loop():
 def test_a_divisor_of_the_tick_is_inverted_when_it_divides_twice():
     t = Text()
     once, twice = t.make("div", t.x, t.flag), [t.make("div", a, t.y) for a in (t.x, t.flag)]
-    found = with_reciprocals(program(t, once, *twice), uses=2).outputs
-    assert [node.op for node in found] == ["div", "mul", "mul"]
+    nodes = with_reciprocals(program(t, once, *twice), uses=2).outputs
+    assert [node.op for node in nodes] == ["div", "mul", "mul"]
     inverse = t.make("div", 1.0, t.y)
-    assert all(inverse in set(node.args) for node in found[1:])
+    assert all(inverse in set(node.args) for node in nodes[1:])
 
 
 @needs_compiler

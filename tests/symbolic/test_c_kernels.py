@@ -29,8 +29,8 @@ class Case(CaseOfKernel):
         return outputs, slopes
 
 
-def close(found, expected, scale=1.0) -> None:
-    np.testing.assert_allclose(found, expected, rtol=1e-12 * scale, atol=1e-12 * scale)
+def close(computed, expected, scale=1.0) -> None:
+    np.testing.assert_allclose(computed, expected, rtol=1e-12 * scale, atol=1e-12 * scale)
 
 
 @pytest.fixture(scope="module")
@@ -43,18 +43,20 @@ def cases() -> dict[int, Case]:
 def test_values_are_those_of_numpy(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
-    for found, said, off_kinks in zip(case.run(), expected, off_the_kinks(case, expected), strict=True):
+    for computed, reference, off_kinks in zip(
+        case.run(), expected, off_the_kinks(case, expected), strict=True
+    ):
         assume(off_kinks.mean() > 0.5)
-        close(found[off_kinks], said[off_kinks])
+        close(computed[off_kinks], reference[off_kinks])
 
 
 def off_the_kinks(case, expected):
     """Where other last digits change nothing: on a kink, back ends may take either side."""
-    draw, steady = np.random.default_rng(0), [np.ones(said.shape, bool) for said in expected]
+    draw, steady = np.random.default_rng(0), [np.ones(reference.shape, bool) for reference in expected]
     for _ in range(8):
         other = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
-        for k, said in enumerate(other):
-            steady[k] &= np.abs(said - expected[k]) < 1e-6
+        for k, values in enumerate(other):
+            steady[k] &= np.abs(values - expected[k]) < 1e-6
     return steady
 
 
@@ -133,7 +135,7 @@ def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatc
     draw = np.random.default_rng(0)
     theta, start = draw.normal(size=(43, 5)), draw.normal(size=(43, len(case.start)))
     none = np.empty((43, case.n, 0))
-    found = []
+    results = []
     for processors in (1, 3):
         monkeypatch.setattr(
             c,
@@ -144,8 +146,8 @@ def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatc
         )
         final = np.empty((43, len(case.start)))
         case.kernel.batch(43, case.n, theta, start, case.inputs, none, (True,) * 3, None, final)
-        found.append(final)
-    assert np.array_equal(*found)
+        results.append(final)
+    assert np.array_equal(*results)
 
 
 def test_parts_for_the_processors_cover_all_vehicles_once():

@@ -82,20 +82,20 @@ ARGUMENTS = (
 )
 
 
-def assert_same(found, expected):
-    assert isinstance(expected, type(found))  # NumPy's float64 is a float
+def assert_same(computed, expected):
+    assert isinstance(expected, type(computed))  # NumPy's float64 is a float
     if isinstance(expected, dict):
-        assert found.keys() == expected.keys()
-        found, expected = list(found.values()), list(expected.values())
+        assert computed.keys() == expected.keys()
+        computed, expected = list(computed.values()), list(expected.values())
     if isinstance(expected, tuple | list):
-        for a, b in zip(found, expected, strict=True):
+        for a, b in zip(computed, expected, strict=True):
             assert_same(a, b)
     elif isinstance(expected, Box):
-        assert_same((found.low, found.high), (expected.low, expected.high))
+        assert_same((computed.low, computed.high), (expected.low, expected.high))
     elif isinstance(expected, float | np.ndarray):
-        np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(computed, expected, rtol=1e-14, atol=1e-14)
     else:
-        assert found == expected
+        assert computed == expected
 
 
 def test_trees_go_in_and_come_out_as_they_are(backend):
@@ -181,11 +181,11 @@ def test_a_compiled_block_steps_as_the_block(backend):
     belief, other = block.init(), fast.init()
     for k in range(4):
         z = np.array([1.0, -k, 2.0])
-        belief, said = block.step(belief, z, k)
+        belief, output = block.step(belief, z, k)
         other, said_fast = fast.step(other, z, t_ns=k)
         assert_same(other, belief)
-        assert_same(said_fast["box"], said["box"])
-        assert said_fast["fresh"] == said["fresh"]
+        assert_same(said_fast["box"], output["box"])
+        assert said_fast["fresh"] == output["fresh"]
     assert fast.backend == backend
 
 
@@ -315,13 +315,13 @@ def test_a_state_that_comes_back_is_reported_with_what_was_written_into_it(backe
     plain, fast = Apart(), compiled(Apart(), backend=backend)
     belief, other = plain.init(), fast.init()
     for k in range(6):
-        belief, said = plain.step(belief, 0.5 * k)
-        other, found = fast.step(other, 0.5 * k)
+        belief, output = plain.step(belief, 0.5 * k)
+        other, computed = fast.step(other, 0.5 * k)
         for state in (belief, other):
             if k == 2:
                 state.mean[1] = -7.0
         assert_same(other, belief)
-        assert found == pytest.approx(said, rel=1e-14)
+        assert computed == pytest.approx(output, rel=1e-14)
         assert type(other.t_ns) is int
     before = other.mean.copy()
     again, _ = fast.step(other, 9.0)  # a result is never written to again

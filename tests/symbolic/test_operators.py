@@ -49,8 +49,8 @@ def test_every_operator_is_that_of_numpy_and_neither_raises_nor_warns(op):
             expected = float(IN_NUMPY[op](*args))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = float(ieee.OPERATORS[op](*args))
-        np.testing.assert_allclose(found, expected, rtol=4e-16, err_msg=f"{op}{args}")
+            computed = float(ieee.OPERATORS[op](*args))
+        np.testing.assert_allclose(computed, expected, rtol=4e-16, err_msg=f"{op}{args}")
 
 
 @pytest.mark.parametrize("op", IN_CASADI)
@@ -164,8 +164,8 @@ def test_what_is_known_before_run_time_is_not_a_node(case):
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     make, expected = SIMPLE[case]
-    found = make(x, y)
-    assert found is x if expected == "x" else (type(found) is type(expected) and found == expected)
+    node = make(x, y)
+    assert node is x if expected == "x" else (type(node) is type(expected) and node == expected)
 
 
 @pytest.mark.parametrize("case", range(len(EQUAL)))
@@ -196,9 +196,9 @@ def test_equal_tables_are_one():
 def test_substitution_simplifies_again():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
-    (found,) = graph.substitute([x * y + apply("sin", y)], {y: graph.const(0.0)})
-    assert found.op == "const"
-    assert found.value == 0.0
+    (node,) = graph.substitute([x * y + apply("sin", y)], {y: graph.const(0.0)})
+    assert node.op == "const"
+    assert node.value == 0.0
 
 
 def test_below_gives_arguments_before_users():

@@ -19,8 +19,8 @@ class Case(CaseOfKernel):
     make_kernel = staticmethod(make_kernel)
 
 
-def close(found, expected, tolerance=1e-12):
-    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+def close(computed, expected, tolerance=1e-12):
+    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance)
 
 
 def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
@@ -34,8 +34,8 @@ def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
 def test_values_are_those_of_numpy(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
-    for found, wanted in zip(case.run(), expected, strict=True):
-        close(found, wanted)
+    for computed, reference in zip(case.run(), expected, strict=True):
+        close(computed, reference)
 
 
 @settings(max_examples=10)

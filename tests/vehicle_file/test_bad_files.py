@@ -132,9 +132,9 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_fi3_fi7_what_is_wrong_is_named_by_code_and_figures(case):
     old, new, code, figures = CASES[case]
-    found = next(one for one in within(refused_as(old, new)) if one.code == code)
-    known = {name: figure for one in within(found) for name, figure in one.figures.items()}
-    assert {name: known[name] for name in figures} == figures
+    cause = next(one for one in within(refused_as(old, new)) if one.code == code)
+    figures_by_name = {name: figure for one in within(cause) for name, figure in one.figures.items()}
+    assert {name: figures_by_name[name] for name in figures} == figures
 
 
 def test_the_line_is_named():

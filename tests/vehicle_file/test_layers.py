@@ -199,9 +199,9 @@ def test_the_filter_gets_the_rate_of_the_file_and_the_delay_its_slots():
 
 
 def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
-    found = rows()
-    assert [row for row in found if not row["meaning"]] == []
-    keys = {(row["table"], row["key"]) for row in found}
+    key_rows = rows()
+    assert [row for row in key_rows if not row["meaning"]] == []
+    keys = {(row["table"], row["key"]) for row in key_rows}
     for key in [
         ("model", "mass_kg"),
         ("model.friction", "linear"),
@@ -209,7 +209,7 @@ def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
         ("controller", "alpha"),
     ]:
         assert key in keys
-    inertia = next(row for row in found if row["key"] == "inertia_kg_m2")
+    inertia = next(row for row in key_rows if row["key"] == "inertia_kg_m2")
     assert (inertia["unit"], inertia["range"], inertia["default"]) == (
         "kg m²",
         "1e-09 to 1e+07",
@@ -225,11 +225,11 @@ def test_the_documentation_is_a_page_of_tables():
 
 
 def test_a_default_of_the_documentation_is_toml():
-    found = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
-    assert found["sensors.NAME", "tags", "sees_offset"] == "`true`"
-    assert found["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
+    defaults = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
+    assert defaults["sensors.NAME", "tags", "sees_offset"] == "`true`"
+    assert defaults["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
     written = [
-        tomllib.loads(f"key = {default.strip('`')}") for default in found.values() if default[:1] == "`"
+        tomllib.loads(f"key = {default.strip('`')}") for default in defaults.values() if default[:1] == "`"
     ]
     assert len(written) > 100
 

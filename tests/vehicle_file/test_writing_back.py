@@ -92,9 +92,9 @@ def test_a_fitted_value_has_its_provenance():
         '[provenance."model.friction.linear"]\nrun = "runs/0001-experiment.mcap"\ndate = 2026-11-21\n'
         in other.text
     )
-    found = other.provenance["model.friction.linear"]
-    assert (found.run, found.date, found.verdict) == (FITTED.run, FITTED.date, "USABLE")
-    assert found.sd.tolist() == SD.tolist()
+    provenance = other.provenance["model.friction.linear"]
+    assert (provenance.run, provenance.date, provenance.verdict) == (FITTED.run, FITTED.date, "USABLE")
+    assert provenance.sd.tolist() == SD.tolist()
 
 
 def test_a_value_is_written_to_a_thousandth_of_its_standard_deviation():

@@ -126,9 +126,9 @@ def test_every_parameter_of_a_vehicle_can_be_derived(name):
             changed = put(changed, path, START[name][k] + scale[k])
         return advanced(changed, effort)(x)
 
-    found = jacobian(f)(np.zeros(len(paths)))
-    assert found == pytest.approx(differences(f, np.zeros(len(paths))), abs=1e-6, rel=1e-6)
-    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
+    slope = jacobian(f)(np.zeros(len(paths)))
+    assert slope == pytest.approx(differences(f, np.zeros(len(paths))), abs=1e-6, rel=1e-6)
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"
 
 
 def value(vehicle, path):
@@ -162,13 +162,13 @@ def test_every_parameter_of_a_drivetrain_can_be_derived():
         changed = d
         for path, a, b in zip(paths, start, change, strict=True):
             changed = put(changed, path, a + b)
-        state, felt = changed.init(), []
+        state, efforts = changed.init(), []
         for u in ([-0.7, 0.0, 0.6], [0.5, 0.0, 0.5], [0.2, 0.0, 0.6]):
             state, effort = changed.step(state, np.array(u), 0.01)
-            felt += effort
-        return np.concatenate(felt)
+            efforts += effort
+        return np.concatenate(efforts)
 
     zero = np.zeros(len(paths))
-    found = jacobian(f)(zero)
-    assert found == pytest.approx(differences(f, zero, h=1e-6), abs=1e-6, rel=1e-6)
-    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
+    slope = jacobian(f)(zero)
+    assert slope == pytest.approx(differences(f, zero, h=1e-6), abs=1e-6, rel=1e-6)
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"

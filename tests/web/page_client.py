@@ -72,7 +72,7 @@ class Browser:
     def __init__(self, line: ClientConnection) -> None:
         self.line, self.frames = line, []
         self.hello: dict[str, Any] = {}
-        self.asked = 0
+        self.question_id = 0
 
     async def say(self, word: str, **more: Any) -> None:
         """Send a word."""
@@ -80,9 +80,9 @@ class Browser:
 
     async def ask(self, what: str, **more: Any) -> dict[str, Any]:
         """Ask, and return the answer."""
-        self.asked += 1
-        await self.say("ask", id=self.asked, what=what, **more)
-        return await self.next("answer", where=lambda word, asked=self.asked: word.get("id") == asked)
+        self.question_id += 1
+        await self.say("ask", id=self.question_id, what=what, **more)
+        return await self.next("answer", where=lambda word, number=self.question_id: word.get("id") == number)
 
     async def next(
         self, *kinds: str, where: Callable[[dict[str, Any]], bool] = lambda word: True
@@ -99,12 +99,12 @@ class Browser:
 
     def rows(self, stream: int, columns: int) -> np.ndarray:
         """Return the rows (N, F) of a stream that came so far."""
-        found = [np.zeros((0, columns), "f4")]
+        tables = [np.zeros((0, columns), "f4")]
         for frame in self.frames:
             number, count, _ = struct.unpack("<IId", frame[:16])
             if number >> 24 == stream:
-                found.append(np.frombuffer(frame, "<f4", offset=16).reshape(count, columns))
-        return np.concatenate(found)
+                tables.append(np.frombuffer(frame, "<f4", offset=16).reshape(count, columns))
+        return np.concatenate(tables)
 
 
 def address(server: Server) -> str:

@@ -36,10 +36,10 @@ def opened(tab: Tab, server: Scripted, language: str = "en", screen: str = "") -
 
 def until(true: Callable[[], Any], seconds: float = 10.0) -> Any:
     end = time.monotonic() + seconds
-    while not (found := true()):
+    while not (result := true()):
         assert time.monotonic() < end, "still not true"
         time.sleep(0.02)
-    return found
+    return result
 
 
 def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[str, Tab]]:

@@ -159,13 +159,13 @@ def packed(number: int, first: int, count: int, off: float = 0.02) -> bytes:
 
 
 class Scripted:
-    """`with Scripted("live") as server:`, then server.url, server.said, server.put(word)."""
+    """`with Scripted("live") as server:`, then server.url, server.messages, server.put(word)."""
 
     def __init__(
         self, mode: str, *, ghost: bool = False, world: str = "simulated", name: str = "small"
     ) -> None:
         self.mode, self.ghost, self.world, self.name = mode, ghost, world, name
-        self.said: list[tuple[float, dict[str, Any]]] = []
+        self.messages: list[tuple[float, dict[str, Any]]] = []
         self.guests: list[tuple[ServerConnection, str]] = []
         self.holder: ServerConnection | None = None
         self.state, self.kind = "MISSION", "repeat"
@@ -187,7 +187,7 @@ class Scripted:
         self._server.shutdown()
 
     def words(self, kind: str) -> list[dict[str, Any]]:
-        return [word for _, word in list(self.said) if word["is"] == kind]
+        return [word for _, word in list(self.messages) if word["is"] == kind]
 
     def drop(self) -> None:
         """Cut every connection."""
@@ -269,7 +269,7 @@ class Scripted:
             self.holder = None if self.holder is guest else self.holder
 
     def _word(self, guest: ServerConnection, word: dict[str, Any]) -> None:
-        self.said.append((time.monotonic(), word))
+        self.messages.append((time.monotonic(), word))
         if word["is"] == "take":
             self.holder = guest
             self._lease()
@@ -285,8 +285,8 @@ class Scripted:
         elif word["is"] == "identify" and word["on"]:
             guest.send(json.dumps(taught(self._language(guest), live=True)))
         elif word["is"] == "ask":
-            asks = word["what"] == "identify"
-            more = taught(self._language(guest), live=False) if asks else answered(word)
+            fitting = word["what"] == "identify"
+            more = taught(self._language(guest), live=False) if fitting else answered(word)
             guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]} | more))
         elif word["is"] in ("pause", "go"):
             self.paused = word["is"] == "pause" or "ticks" in word

@@ -141,8 +141,8 @@ def test_ne5_those_who_do_not_read_the_last_minute_share_one(tmp_path):
                     await line.send('{"is": "hello", "lang": "en"}')
                 await until(lambda: len(live._all()) == 12)
                 await asyncio.sleep(0.3)
-                held = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
-                assert max(held) <= FRAGMENT + 100
+                buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
+                assert max(buffers) <= FRAGMENT + 100
                 async with browser(server) as one:
                     link.frame(60.0, 5)  # while the last minute goes
                     await until_frames(one, 2)

@@ -37,8 +37,8 @@ def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
         tab.wait(f"document.body.dataset.screen === {screen!r}")
         if screen == "tune":
             tab.wait(f"Boolean({PAGE}.screens.tune.lap)")
-        if any((found := walked(tab, screen)).values()):
-            wrong[screen] = found
+        if any((problems := walked(tab, screen)).values()):
+            wrong[screen] = problems
     return wrong
 
 

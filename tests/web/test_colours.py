@@ -48,9 +48,9 @@ DASHED = {  # of two lines at least one is dashed: the file, and how it writes t
 def palette(theme: str) -> dict[str, str]:
     style = (STATIC / "page.css").read_text(encoding="utf-8")
     pattern = r":root \{(.*?)\}" if theme == "light" else r':root\[data-theme="dark"\] \{(.*?)\}'
-    found = re.search(pattern, style, re.DOTALL)
-    assert found
-    return dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6});", found[1]))
+    palette_rules = re.search(pattern, style, re.DOTALL)
+    assert palette_rules
+    return dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6});", palette_rules[1]))
 
 
 def lab(colour: str, eye: str) -> np.ndarray:
@@ -89,7 +89,7 @@ def distance(one: np.ndarray, two: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    ("one", "two", "wanted"),
+    ("one", "two", "expected"),
     [  # Sharma, Wu and Dalal (2005), table 1: rows 1, 7, 14, 17, 25 and 33
         ((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
         ((50, 0, 0), (50, -1, 2), 2.3669),
@@ -99,8 +99,8 @@ def distance(one: np.ndarray, two: np.ndarray) -> float:
         ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
     ],
 )
-def test_the_distance_is_that_of_the_paper(one, two, wanted):
-    assert distance(np.array(one), np.array(two)) == pytest.approx(wanted, abs=1e-4)
+def test_the_distance_is_that_of_the_paper(one, two, expected):
+    assert distance(np.array(one), np.array(two)) == pytest.approx(expected, abs=1e-4)
 
 
 def test_an_eye_without_the_green_cone_takes_red_for_olive():

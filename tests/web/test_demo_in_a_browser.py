@@ -42,11 +42,11 @@ out.write_text(json.dumps(seen))
 
 def demo(tmp_path):
     """Run the demo with a display and a browser; its end, what the browser saw, and when it began."""
-    script, seen = tmp_path / "browser.py", tmp_path / "seen.json"
+    script, log = tmp_path / "browser.py", tmp_path / "seen.json"
     script.write_text(BROWSER, encoding="utf-8")
     environment = {
         **os.environ, "DISPLAY": ":0",
-        "BROWSER": f"{sys.executable} {script} {seen} %s &",
+        "BROWSER": f"{sys.executable} {script} {log} %s &",
     }  # fmt: skip
     environment.pop("CI", None)
     begun = time.monotonic()
@@ -55,21 +55,21 @@ def demo(tmp_path):
         timeout=ENDS_S, capture_output=True, text=True,
     )  # fmt: skip
     end = time.monotonic() + START_S
-    while not seen.exists():
+    while not log.exists():
         assert time.monotonic() < end, done.stderr
         time.sleep(0.1)
-    return done, json.loads(seen.read_text()), begun
+    return done, json.loads(log.read_text()), begun
 
 
 @pytest.mark.alone
 def test_a_demo_opens_a_tab_within_20_s_shows_all_of_it_and_ends_by_itself(tmp_path):
     with before_others():
-        done, seen, begun = demo(tmp_path)
+        done, record, begun = demo(tmp_path)
     assert done.returncode == 0, done.stderr
-    assert seen["address"].startswith("http://127.0.0.1:")
-    assert seen["opened"] - begun <= OPENS_S
-    assert seen["screens"] == ["drive", "identify", "tuned", "drive"], seen
-    assert seen["frames"] > 20
+    assert record["address"].startswith("http://127.0.0.1:")
+    assert record["opened"] - begun <= OPENS_S
+    assert record["screens"] == ["drive", "identify", "tuned", "drive"], record
+    assert record["frames"] > 20
     assert (tmp_path / "demo" / "report.html").exists()
 
 

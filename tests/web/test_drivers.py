@@ -20,7 +20,7 @@ class Model:
 
     def __init__(self, clock):
         self.clock, self.holder, self.until_s, self.n = clock, None, 0.0, 0
-        self.commands, self.asked = [], 0
+        self.commands, self.missions = [], 0
 
     def now(self):
         """Return who drives now."""
@@ -36,7 +36,7 @@ class Model:
 def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
     chance, clock = random.Random(f"drivers {seed}"), Clock()
     names = NAMES[: 2 + seed % 4]
-    model, said = Model(clock), dict.fromkeys(names, 0)
+    model, counts = Model(clock), dict.fromkeys(names, 0)
 
     async def act(there, live, link, who, word):
         one = there[who]
@@ -46,9 +46,9 @@ def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
                 model.hold(who)
         elif word == "beat":
             n = chance.choice(
-                (said[who] + 1, said[who])
+                (counts[who] + 1, counts[who])
             )  # a second time with the same number it does not count
-            said[who] = n
+            counts[who] = n
             await one.say("beat", n=n, seen=live.feed.number, u=[names.index(who) + 1.0])
             if model.now() == who and n > model.n:
                 model.n, model.until_s = n, clock.s + HOLDS_S
@@ -66,7 +66,7 @@ def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
             await one.say("stop")
         elif word == "drive":
             await one.say("mission", kind="drive")
-            model.asked += model.now() == who
+            model.missions += model.now() == who
         await one.say("no such word")  # refused after all that was said before it
         await one.next("no", where=lambda no: no["to"] == "no such word")
 
@@ -84,14 +84,14 @@ def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
                     await until(lambda: len(server.visitors) < len(names))
                     if model.now() == who:
                         model.holder = None
-                    there[who], said[who] = await lines.enter_async_context(browser(server, name=who)), 0
+                    there[who], counts[who] = await lines.enter_async_context(browser(server, name=who)), 0
                 else:
                     await act(there, live, link, who, word)
                     stops += word == "stop"
-                assert [said["u"] for said in link.told("hand")] == model.commands, (word, who)
+                assert [message["u"] for message in link.requests("hand")] == model.commands, (word, who)
                 assert getattr(live.lease.holder, "name", None) == model.now(), (word, who)
-                assert len(link.told("stop")) == stops  # anybody's
-                assert len(link.told("mission")) == model.asked
+                assert len(link.requests("stop")) == stops  # anybody's
+                assert len(link.requests("mission")) == model.missions
             assert len(model.commands) > 2
 
     run_page(job)

@@ -62,41 +62,41 @@ def test_the_public_client_sees_all_and_changes_nothing(tmp_path):
                 if k == 10:
                     link.on_word({"is": "event", "said": note("web.begins", Severity.WARNING)})
                 await asyncio.sleep(0.1)
-            seen = json.loads((await looking)[0])
-        assert seen["info"]["capabilities"] == ["parameters", "connectionGraph"]
-        topics = {one["topic"]: one for one in seen["channels"]}
+            message = json.loads((await looking)[0])
+        assert message["info"]["capabilities"] == ["parameters", "connectionGraph"]
+        topics = {one["topic"]: one for one in message["channels"]}
         assert {"/estimate/pose", "/command/applied", "/sensors", "/drive", "/events", "/guide/route"} <= {
             *topics
         }
         assert topics["/events"]["schemaName"] == "foxglove.Log"
-        poses = seen["messages"]["/estimate/pose"]
+        poses = message["messages"]["/estimate/pose"]
         assert poses[0]["value"] == {"x": 0.25}
         steps = [b["t"] - a["t"] for a, b in pairwise(poses)]
         assert all(step > 0.0 for step in steps)
         assert min(steps) == pytest.approx(0.01, abs=1e-3)  # the two ticks of a frame
         assert {
             one["value"]["u_x" if "u_x" in one["value"] else "0"]
-            for one in seen["messages"]["/command/applied"]
+            for one in message["messages"]["/command/applied"]
         } == {0.5}
-        assert seen["messages"]["/guide/route"][0]["value"]["poses"][1]["position"] == {
+        assert message["messages"]["/guide/route"][0]["value"]["poses"][1]["position"] == {
             "x": 1.0,
             "y": 0.5,
             "z": 0.0,
         }
-        assert seen["messages"]["/events"][0]["value"]["level"] == 3
-        values = {one["name"]: one["value"] for one in seen["parameters"]["all"]}
+        assert message["messages"]["/events"][0]["value"]["level"] == 3
+        values = {one["name"]: one["value"] for one in message["parameters"]["all"]}
         assert values["controller.k_x"] == 3.0
         assert values["block.estimator"] == "Ekf"
         assert values["limit.u_x"] == [-1, 1]
-        assert seen["parameters"]["mine"] == seen["parameters"]["all"]  # what was set is not
-        assert len(seen["statuses"]) >= 3  # set, publish, updates
-        published = {one["name"]: one["publisherIds"] for one in seen["graph"]["publishedTopics"]}
-        read = {one["name"]: one["subscriberIds"] for one in seen["graph"]["subscribedTopics"]}
+        assert message["parameters"]["mine"] == message["parameters"]["all"]  # what was set is not
+        assert len(message["statuses"]) >= 3  # set, publish, updates
+        published = {one["name"]: one["publisherIds"] for one in message["graph"]["publishedTopics"]}
+        read = {one["name"]: one["subscriberIds"] for one in message["graph"]["subscribedTopics"]}
         assert published["/estimate/pose"] == ["estimator"]
         assert set(read["/estimate/pose"]) == {"guide", "controller"}
         assert "world" in read["/command/applied"]
-        assert seen["closed"] == 1003  # it published
-        assert {word["do"] for word in link.heard} == {"watch", "routes"}  # nothing came to the vehicle
+        assert message["closed"] == 1003  # it published
+        assert {word["do"] for word in link.messages} == {"watch", "routes"}  # nothing came to the vehicle
 
     run_page(job)
 
@@ -167,7 +167,7 @@ def test_a_program_that_publishes_is_let_go(tmp_path):
             await line.send(struct.pack("<BI", 1, 1) + b"{}")
             with pytest.raises(ConnectionClosed):
                 await asyncio.wait_for(all_of(line), WAIT_S)
-            assert {word["do"] for word in link.heard} == {"watch", "routes"}
+            assert {word["do"] for word in link.messages} == {"watch", "routes"}
 
     run_page(job)
 

@@ -50,11 +50,13 @@ def _static(monkeypatch, tmp_path):
 def test_ne1_it_listens_on_loopback_and_where_it_is_shared(folder):
     async def job():
         async with recorded_page(folder) as server:
-            assert [one.getsockname()[0] for held in server._servers for one in held.sockets] == ["127.0.0.1"]
+            assert [one.getsockname()[0] for listener in server._servers for one in listener.sockets] == [
+                "127.0.0.1"
+            ]
             with pytest.raises(OSError, match="failed"):
                 await asyncio.open_connection("127.0.0.2", server.port)
         async with recorded_page(folder, shared_at="127.0.0.2") as server:
-            listening = {one.getsockname() for held in server._servers for one in held.sockets}
+            listening = {one.getsockname() for listener in server._servers for one in listener.sockets}
             assert listening == {("127.0.0.1", server.port), ("127.0.0.2", server.port)}
 
     run_page(job)
@@ -298,8 +300,8 @@ def test_ne7_a_token_is_in_no_output_but_the_printed_addresses(folder, caplog, c
 
 
 def test_ne8_no_file_of_the_page_names_another_place():
-    for path, held in static(serving.STATIC).items():
-        text = held.content.decode("utf-8", "replace")
+    for path, asset in static(serving.STATIC).items():
+        text = asset.content.decode("utf-8", "replace")
         foreign = [
             one
             for one in re.findall(r"(?:https?|wss?)://[\w.${}]+", text)

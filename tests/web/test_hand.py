@@ -98,15 +98,15 @@ def test_the_pace_is_a_slider_that_stands_where_the_drive_is(tab):
     with Scripted("live") as live:
         live.pace = 4.0  # as in the demo
         opened(tab, live)
-        says = "document.querySelector('.pace').textContent"
-        assert tab.js(says) == "pace 4×"
+        pace = "document.querySelector('.pace').textContent"
+        assert tab.js(pace) == "pace 4×"
         tab.js("document.querySelector('.pace input').focus()")
         tab.press("ArrowRight")
         until(lambda: live.words("pace") == [{"is": "pace", "factor": 8}])
         for _ in range(5):
             tab.press("ArrowLeft")
         until(lambda: live.words("pace")[-1] == {"is": "pace", "factor": 0.25})
-        tab.wait(f"{says} === 'pace ¼×'")
+        tab.wait(f"{pace} === 'pace ¼×'")
 
 
 def breaker(kind: str) -> str:

@@ -191,10 +191,10 @@ def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, 
                 await one.say("identify", on=True)
                 first = await one.next("identify")
                 assert first["parameters"][0]["label"] == "fricción al avanzar"
-                found = await one.next("identify", where=lambda word: word["fit"] is not None)
-                assert found["t"] == 10.0
-                assert found["fit"]["verdict"]
-                assert "4 s" in found["next"]["motion"]
+                answer = await one.next("identify", where=lambda word: word["fit"] is not None)
+                assert answer["t"] == 10.0
+                assert answer["fit"]["verdict"]
+                assert "4 s" in answer["next"]["motion"]
                 await other.say("ask", id=7, what="ping")
                 assert (await other.next("answer", "identify"))[
                     "is"
@@ -215,12 +215,12 @@ def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven):
     async def job():
         async with recorded_page(folder, "taught") as server, browser(server) as one:
             await one.say("ask", id=1, what="identify", run=one.hello["open"]["run"])
-            said = await one.next("answer", where=lambda word: word["to"] == "ask")
-            errors = np.array(said["expected"])
+            answer = await one.next("answer", where=lambda word: word["to"] == "ask")
+            errors = np.array(answer["expected"])
             assert np.all(np.diff(errors, axis=0) <= 1e-9)
-            assert len(errors) * said["step_s"] == pytest.approx(SECONDS, abs=0.3)
-            assert [one["t"] for one in said["fits"]] == sorted(one["t"] for one in said["fits"])
-            assert said["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
+            assert len(errors) * answer["step_s"] == pytest.approx(SECONDS, abs=0.3)
+            assert [one["t"] for one in answer["fits"]] == sorted(one["t"] for one in answer["fits"])
+            assert answer["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
             await one.say("ask", id=2, what="identify", run="none")
             assert (await one.next("no"))["code"] == "web.no-run"
 
@@ -278,9 +278,9 @@ def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive
 
     def guessed(drive: int) -> float:
         word = {"vehicle": str(path), "drive": drive, "names": names, "rows": rows[:20]}
-        said, _ = drives.answer(word)
-        k = [one["path"] for one in said["parameters"]].index("actuator_matrix[0,0]")
-        return said["parameters"][k]["guess"]
+        answer, _ = drives.answer(word)
+        k = [one["path"] for one in answer["parameters"]].index("actuator_matrix[0,0]")
+        return answer["parameters"][k]["guess"]
 
     assert guessed(1) == 2.0
     path.write_text(small.text, encoding="utf-8")

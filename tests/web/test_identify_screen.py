@@ -64,14 +64,14 @@ def test_what_a_run_taught_is_scrubbed(tab, replay):
     opened(tab, replay, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
     bits = "Number(document.querySelector('.identify .numbers b').textContent)"
-    seen = []
+    marks = []
     for seconds in (4.0, 12.0, 40.0):
         tab.js(f"{PAGE}.screens.replay.seek({seconds})")
         time.sleep(0.15)
-        seen.append((tab.js(bits), kinds(tab)))
-    assert seen[0][0] < seen[1][0] < seen[2][0]
-    assert seen[0][1] == {"hollow"}  # before the first fit
-    assert "filled" in seen[1][1]
+        marks.append((tab.js(bits), kinds(tab)))
+    assert marks[0][0] < marks[1][0] < marks[2][0]
+    assert marks[0][1] == {"hollow"}  # before the first fit
+    assert "filled" in marks[1][1]
     tab.press("Home", "Home")
     until(lambda: tab.js(bits) == 0.0)
     assert len(set(tab.js(WIDTHS))) == 1

@@ -18,7 +18,7 @@ from tests.web.page_client import WAIT_S, browser, run_page
 def test_hello_says_what_there_is_to_see(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _):
-            assert link.heard[0] == {"do": "watch", "hz": 20.0}
+            assert link.messages[0] == {"do": "watch", "hz": 20.0}
             link.on_word({"is": "routes", "routes": [{"name": "oval"}]})
             async with browser(server, "es", name="Ana") as one:
                 hello = one.hello
@@ -101,12 +101,12 @@ def test_the_page_hands_on_each_beat_of_the_driver_and_makes_none(tmp_path):
                 link.frame(0.05 * n)
                 await ana.say("beat", n=n, seen=live.feed.number, u=[0.1 * n])
                 await luis.say("beat", n=n, seen=live.feed.number, u=[-1.0])
-                await until(lambda n=n: len(link.told("hand")) == n)
-            assert [word["u"] for word in link.told("hand")] == [[0.1 * n] for n in range(1, 6)]
+                await until(lambda n=n: len(link.requests("hand")) == n)
+            assert [word["u"] for word in link.requests("hand")] == [[0.1 * n] for n in range(1, 6)]
             await ana.say("beat", n=5, seen=live.feed.number, u=[1.0])
             await ana.say("beat", n=4, seen=live.feed.number, u=[1.0])
             await ana.next("lease", where=lambda word: word["who"] is None)  # she fell silent
-            assert len(link.told("hand", "beat")) == 5
+            assert len(link.requests("hand", "beat")) == 5
 
     run_page(job)
 
@@ -115,13 +115,13 @@ def test_a_driver_with_a_frozen_picture_is_not_handed_on(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live), browser(server) as ana:
             await ana.say("take")
-            seen, n = live.feed.number, 0
+            frame, n = live.feed.number, 0
             while live.lease.holder is not None or n == 0:
                 n += 1
                 link.frame(0.05 * n)
-                await ana.say("beat", n=n, seen=seen, u=[1.0])
+                await ana.say("beat", n=n, seen=frame, u=[1.0])
                 await asyncio.sleep(0.05)
-            assert len(link.told("hand")) < 16  # 0.3 s, and as much as the way may take
+            assert len(link.requests("hand")) < 16  # 0.3 s, and as much as the way may take
             assert n > 2
 
     run_page(job)
@@ -134,7 +134,7 @@ def test_a_beat_that_is_not_a_command_is_refused(tmp_path, u):
             await ana.say("take")
             await ana.say("beat", n=1, seen=0, u=u)
             assert (await ana.next("no"))["to"] == "beat"
-            assert not link.told("hand")
+            assert not link.requests("hand")
 
     run_page(job)
 
@@ -151,12 +151,12 @@ def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
                 await driver.say("take")
                 await viewer.say("stop")
                 assert (await viewer.next("no"))["code"] == "web.role"
-                assert not link.told("stop")
+                assert not link.requests("stop")
                 await stopper.say("take")
                 assert (await stopper.next("no"))["code"] == "web.role"
                 await stopper.say("stop")
-                await until(lambda: link.told("stop"))
-                why = link.told("stop")[0]["why"]
+                await until(lambda: link.requests("stop"))
+                why = link.requests("stop")[0]["why"]
                 assert (why.code, why.figures["words"]) == (StopReason.STOPPED_BY, "eva")
                 link.state("STOPPED", why=why)
                 for one in (driver, stopper, viewer):
@@ -177,7 +177,7 @@ MOVING = (
 def test_nothing_that_moves_the_vehicle_is_done_without_the_lease(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana, browser(server) as luis:
-            before = len(link.heard)
+            before = len(link.messages)
             for holder in (False, True):
                 if holder:
                     await ana.say("take")
@@ -186,7 +186,7 @@ def test_nothing_that_moves_the_vehicle_is_done_without_the_lease(tmp_path):
                     await luis.say(word, **more)
                     no = await luis.next("no")
                     assert (no["code"], no["to"]) == ("web.lease-needed", word)
-            assert len(link.heard) == before
+            assert len(link.messages) == before
 
     run_page(job)
 
@@ -198,17 +198,17 @@ def test_missions_are_asked_for_by_name_alone(tmp_path):
             await ana.say(
                 "mission", kind="repeat", route="oval", laps=3, mission="{}", do="stop", by="me", seed=1
             )
-            await until(lambda: link.told("mission"))
-            asked = link.told("mission")[0]
+            await until(lambda: link.requests("mission"))
+            mission = link.requests("mission")[0]
             assert {
                 "kind": "repeat",
                 "route": "oval",
                 "laps": 3,
                 "by": "page",
                 "attended": True,
-            }.items() <= asked.items()
-            assert "mission" not in asked
-            assert "seed" not in asked
+            }.items() <= mission.items()
+            assert "mission" not in mission
+            assert "seed" not in mission
             for wrong in (
                 {"kind": "fly"},
                 {"kind": "repeat", "route": 3},
@@ -218,7 +218,7 @@ def test_missions_are_asked_for_by_name_alone(tmp_path):
                 await ana.say("take")
                 await ana.say("mission", **wrong)
                 assert (await ana.next("no"))["to"] == "mission"
-            assert len(link.told("mission")) == 1
+            assert len(link.requests("mission")) == 1
             link.on_word(
                 {"is": "no", "why": "no such route", "about": note("door.no-route", found="oval", known=[])}
             )
@@ -244,7 +244,7 @@ def test_the_vehicle_is_handed_over_by_name(tmp_path):
             await ana.say("give", to="luis")
             assert (await luis.next("lease", where=lambda word: word["you"]))["who"] == "luis"
             await luis.say("beat", n=1, seen=live.feed.number, u=[0.3])
-            await until(lambda: link.told("hand"))
+            await until(lambda: link.requests("hand"))
             await luis.line.close()
             await until(lambda: live.lease.holder is None)
 
@@ -260,7 +260,7 @@ def test_a_browser_that_goes_takes_its_lease_with_it(tmp_path):
                 ana.line.transport.abort()
                 await until(lambda: not server.visitors)
             assert live.lease.holder is None
-            assert not link.told("hand")
+            assert not link.requests("hand")
 
     run_page(job)
 
@@ -282,17 +282,17 @@ def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
                 }
             )
             link.state("MISSION", mission="repeat", laps=3, left_s=12.0, t_s=9.0, pace=1.0, paused=False)
-            said = await one.next("state", where=lambda word: word["state"] == "MISSION")
-            assert (said["lap"], said["laps"], said["mission"]) == (
+            state = await one.next("state", where=lambda word: word["state"] == "MISSION")
+            assert (state["lap"], state["laps"], state["mission"]) == (
                 2,
                 3,
                 {"kind": "repeat", "route": "oval"},
             )
-            assert said["title"] == "REPEATING"
-            assert "Lap 2 of 3" in said["sentence"]
-            assert "1.2 cm" in said["sentence"]
-            assert "NIS 4.0" in said["sentence"]
-            assert (said["severity"], len(said["odd"])) == ("warning", 1)
+            assert state["title"] == "REPEATING"
+            assert "Lap 2 of 3" in state["sentence"]
+            assert "1.2 cm" in state["sentence"]
+            assert "NIS 4.0" in state["sentence"]
+            assert (state["severity"], len(state["odd"])) == ("warning", 1)
             assert (
                 "1,2 cm"
                 in (await uno.next("state", where=lambda word: word["state"] == "MISSION"))["sentence"]
@@ -326,8 +326,8 @@ def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
                 data = await asyncio.wait_for(one.line.recv(), WAIT_S)
                 if isinstance(data, bytes) and HEAD.unpack(data[:16])[0] == newest:
                     break
-            held = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
-            assert max(held) < 1 << 20
+            buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
+            assert max(buffers) < 1 << 20
             stalled.line.transport.abort()
 
     run_page(job)
@@ -365,7 +365,7 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
                 assert ana.hello["routes"] == ["oval"]
                 for kind, more in (("repeat", {"route": "oval", "laps": 2}), ("drive", {})):
                     await driven(ana, link, kind, **more)
-                    mission = Mission.of_json(link.told("mission")[-1]["mission"])
+                    mission = Mission.of_json(link.requests("mission")[-1]["mission"])
                     assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
                     assert 'name = "small"' in mission.vehicle
                 for kind, more in (("repeat", {"route": "../oval"}), ("teach", {})):
@@ -379,11 +379,11 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
 
 async def driven(one, link, kind, **more):
     """Ask for a mission, and beat until it is packed."""
-    before, n = len(link.told("mission")), 0
+    before, n = len(link.requests("mission")), 0
     await one.say("take")
     await one.say("mission", kind=kind, **more)
     async with asyncio.timeout(WAIT_S):
-        while len(link.told("mission")) == before:
+        while len(link.requests("mission")) == before:
             n += 1
             await one.say("beat", n=n, seen=0, u=[0.0])
             await asyncio.sleep(0.05)

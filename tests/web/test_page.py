@@ -60,10 +60,10 @@ def test_keys_drive_while_held_and_beats_name_the_frame_drawn(tab, live):
     tab.up("a", "KeyA")
     until(lambda: live.words("beat")[-1]["u"] == [0, 0, 0])
     beats = live.words("beat")
-    numbers, seen = [one["n"] for one in beats], [one["seen"] for one in beats]
+    numbers, frames = [one["n"] for one in beats], [one["seen"] for one in beats]
     assert numbers == sorted(set(numbers))
-    assert seen == sorted(seen)
-    until(lambda: live.words("beat")[-1]["seen"] > seen[0])
+    assert frames == sorted(frames)
+    until(lambda: live.words("beat")[-1]["seen"] > frames[0])
 
 
 def test_a_frozen_picture_is_not_claimed_as_new(tab, live):
@@ -175,9 +175,9 @@ def test_a_run_plays_at_the_pace_that_is_asked_for(tab, replay):
     tab.wait(f"{PAGE}.screens.replay.now_s > 8")
     assert 1.5 < time.monotonic() - began < 4.0  # 8 s at 4 ×
     tab.press(" ", "Space", " ")
-    held = tab.js(f"{PAGE}.screens.replay.now_s")
+    time_s = tab.js(f"{PAGE}.screens.replay.now_s")
     time.sleep(0.3)
-    assert tab.js(f"{PAGE}.screens.replay.now_s") == held
+    assert tab.js(f"{PAGE}.screens.replay.now_s") == time_s
 
 
 def test_the_vehicle_stands_where_the_row_says(tab, replay):

@@ -56,7 +56,7 @@ def ended(verb, within_s=WAIT_S):
 
 def processes_of(group):
     """Return the processes that were started by this one, and by those: their ids."""
-    found, grown = {group}, True
+    group_ids, grown = {group}, True
     while grown:
         grown = False
         for status in Path("/proc").glob("[0-9]*/stat"):
@@ -64,10 +64,10 @@ def processes_of(group):
                 words = status.read_text().rpartition(")")[2].split()
             except OSError:
                 continue
-            if int(words[1]) in found and int(status.parent.name) not in found and words[0] != "Z":
-                found.add(int(status.parent.name))
+            if int(words[1]) in group_ids and int(status.parent.name) not in group_ids and words[0] != "Z":
+                group_ids.add(int(status.parent.name))
                 grown = True
-    return found - {group}
+    return group_ids - {group}
 
 
 def gone(pids, within_s=10.0):
@@ -173,8 +173,8 @@ def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
             children = processes_of(verb.pid)
             assert children
             verb.send_signal(how)
-            found = ended(verb)
-            assert found == (code if code is not None else found)
+            code_of_end = ended(verb)
+            assert code_of_end == (code if code is not None else code_of_end)
             assert gone(children)
             if how == signal.SIGINT:
                 plain = subprocess.Popen(
@@ -184,7 +184,7 @@ def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
                 time.sleep(6.0)
                 plain.send_signal(signal.SIGINT)
                 plain.communicate()
-                assert found == plain.returncode
+                assert code_of_end == plain.returncode
 
 
 async def at_the_wheel(port, then):
@@ -204,8 +204,8 @@ async def ahead(one):
     n = 0
     while True:
         n += 1
-        seen = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
-        await one.say("beat", n=n, seen=seen, u=[0.6, 0.0, 0.0])
+        frame = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
+        await one.say("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
         await asyncio.sleep(0.04)
 
 

@@ -62,9 +62,9 @@ def test_a_stop_and_a_pause_hold_it_and_the_pace_changes(tmp_path):
             await asyncio.sleep(0.01)
         playback.say("stop", why=stop(StopReason.STOPPED_BY, words="eva"))
         await asyncio.sleep(0.2)
-        held = sum(word["is"] == "frame" for word in words)
+        frames = sum(word["is"] == "frame" for word in words)
         await asyncio.sleep(0.3)
-        assert sum(word["is"] == "frame" for word in words) == held
+        assert sum(word["is"] == "frame" for word in words) == frames
         assert [word["state"] for word in words if word["is"] == "state"][-1] == "STOPPED"
         playback.say("clear")
         playback.say("pace", factor=50.0)
@@ -98,17 +98,17 @@ def test_nobody_is_waited_for_twice(tmp_path, monkeypatch):
 
 
 def test_lines_that_are_none_are_left_out():
-    said = note("web.demo-done", verdict="USABLE")
+    message = note("web.demo-done", verdict="USABLE")
     lines = [
         b"no\n",
         b"[]\n",
         b"{}\n",
         json.dumps({"play": "a.mcap"}).encode() + b"\n",
-        json.dumps({"say": said.to_json()}).encode() + b"\n",
+        json.dumps({"say": message.to_json()}).encode() + b"\n",
     ]
     put = []
     read(io.BytesIO(b"".join(lines)), put.append)
-    assert [str(put[0]), *put[1:]] == ["a.mcap", said, None]
+    assert [str(put[0]), *put[1:]] == ["a.mcap", message, None]
 
 
 def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
@@ -170,10 +170,10 @@ def test_what_was_tuned_is_reported_in_plain_numbers():
         stdin = pipe
 
     gain = Gain("k_x", "1/s", 2.5, math.nan, 0.0, 9.0, 0, 1.1, 1.2)
-    found = SimpleNamespace(
+    tuning = SimpleNamespace(
         history=np.array([[0, 3.0], [0, 4.0], [1, 1.0]]), gains=(gain,), cost=1.0, cost_before=3.0
     )
-    PageOfDrives(Program()).tuned(found)
+    PageOfDrives(Program()).tuned(tuning)
     put = []
     read(io.BytesIO(pipe.getvalue()), put.append)
     assert put[0]["history"] == [3.0, 3.0, 1.0]  # the least so far

@@ -171,11 +171,11 @@ def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven):
 
     async def job(one):
         words = {run["name"]: run["id"] for run in one.hello["runs"]}
-        found = await one.ask("compare", runs=[words["round"], words["off"]])
-        assert found["names"] == ["round", "off"]
-        rows = [row for section in found["sections"] for row in section["rows"]]
+        comparison = await one.ask("compare", runs=[words["round"], words["off"]])
+        assert comparison["names"] == ["round", "off"]
+        rows = [row for section in comparison["sections"] for row in section["rows"]]
         assert [row["best"] for row in rows if row["label"].startswith("position (ATE)")] == [0]
-        json.dumps(found, allow_nan=False)
+        json.dumps(comparison, allow_nan=False)
 
     served(folder, job)
 

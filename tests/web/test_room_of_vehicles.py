@@ -69,17 +69,17 @@ def scanned(tmp_path, *more):
 
 @needs_namespace
 def test_ne1_ne8_no_port_is_open_to_a_network_and_the_page_needs_none(tmp_path):
-    seen = scanned(tmp_path)
-    assert seen["found"] == []
-    assert {one.partition(":")[0] for one in seen["listens"]} == {"0100007F"}  # 127.0.0.1
-    assert seen["title"]  # and there is no way out of that network
+    record = scanned(tmp_path)
+    assert record["found"] == []
+    assert {one.partition(":")[0] for one in record["listens"]} == {"0100007F"}  # 127.0.0.1
+    assert record["title"]  # and there is no way out of that network
 
 
 @needs_namespace
 def test_ne1_a_shared_page_opens_one_port_at_one_address(tmp_path):
-    seen = scanned(tmp_path, "--address", "10.77.0.1")
-    assert seen["found"] == [seen["port"]]
-    assert {one.partition(":")[0] for one in seen["listens"]} == {"0100007F", "01004D0A"}
+    record = scanned(tmp_path, "--address", "10.77.0.1")
+    assert record["found"] == [record["port"]]
+    assert {one.partition(":")[0] for one in record["listens"]} == {"0100007F", "01004D0A"}
 
 
 def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
@@ -96,7 +96,7 @@ def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
             async def drives(k):
                 """Drive a vehicle; each beat follows one for the vehicle of the neighbour."""
                 (_, link, live), one, n = pages[k], drivers[k], 0
-                while len(link.told("hand")) < EACH:
+                while len(link.requests("hand")) < EACH:
                     if live.lease.holder is None:  # the machine may be busy
                         await one.say("take", robot=robots[k])
                     link.frame(0.05 * n)
@@ -108,7 +108,7 @@ def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
             async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:
                 for k in range(VEHICLES):
                     driving.create_task(drives(k))
-            crossed = [word for k, (_, link, _) in enumerate(pages) for word in link.told("hand")
+            crossed = [word for k, (_, link, _) in enumerate(pages) for word in link.requests("hand")
                        if word["u"] != [k / 100.0]]  # fmt: skip
             assert crossed == []
             await drivers[0].say("mission", kind="drive", robot=robots[1])
@@ -116,8 +116,8 @@ def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
                 "code"
             ] == "web.other-robot"
             await drivers[0].say("stop", robot=robots[1])  # a stop is never for another one
-            await until(lambda: pages[0][1].told("stop"))
-            assert not any(link.told("stop") for _, link, _ in pages[1:])
+            await until(lambda: pages[0][1].requests("stop"))
+            assert not any(link.requests("stop") for _, link, _ in pages[1:])
 
     run_page(job)
 

@@ -32,8 +32,8 @@ def test_every_screen_is_whole(browser, kind, language):
             for theme in THEMES:
                 looked_at(tab, size, theme)
                 shot(tab, kind, screen, size, theme, language)
-                if found := tab.js(BOXES):
-                    wrong[f"{screen} {size} {theme}"] = found
+                if problems := tab.js(BOXES):
+                    wrong[f"{screen} {size} {theme}"] = problems
         looked_at(tab, "laptop", "light")
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
 
@@ -69,5 +69,5 @@ def test_the_check_finds_what_it_is_for(tab, live, spoil, finds):
         "(() => { const p = document.createElement('p'); p.textContent = 'a text that stands in the way of another';"
         f"p.style.position = 'fixed'; p.style.whiteSpace = 'nowrap'; document.body.append(p); {spoil}; }})()"
     )
-    found = tab.js(BOXES)
-    assert any(one.startswith(finds) for one in found), found
+    problems = tab.js(BOXES)
+    assert any(one.startswith(finds) for one in problems), problems

@@ -48,8 +48,8 @@ def program(*words, **how):
 def port_of(page):
     """Return the port that a page prints."""
     for line in page.stderr:
-        if found := re.search(r"http://127\.0\.0\.1:(\d+)/", line):
-            return int(found[1])
+        if match := re.search(r"http://127\.0\.0\.1:(\d+)/", line):
+            return int(match[1])
     raise AssertionError("it ended before it listened")
 
 
@@ -70,11 +70,11 @@ class Watcher:
         self.line.settimeout(START_S)
         self.file = self.line.makefile("rb")
 
-    def state(self, *wanted):
+    def state(self, *states):
         """Return the first state of these names, and when it came."""
         for data in self.file:
             word = json.loads(data)
-            if word["is"] == "state" and word["state"] in wanted:
+            if word["is"] == "state" and word["state"] in states:
                 return word, time.monotonic()
         raise AssertionError("the service has ended")
 
@@ -93,7 +93,7 @@ async def driving(port, moves, via=None):
         f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None,
         host="127.0.0.1", port=via or port,
     ) as line:  # fmt: skip
-        one, n, seen = Browser(line), 0, 0
+        one, n, frame = Browser(line), 0, 0
         await one.say("hello", lang="en", name="ana")
         await one.next("hello")
         await one.say("take")
@@ -103,8 +103,8 @@ async def driving(port, moves, via=None):
             done, _ = await asyncio.wait({hearing}, timeout=0.05)
             if done:
                 data = hearing.result()
-                seen = HEAD.unpack(data[:16])[0] if isinstance(data, bytes) else seen
-                if seen > 20:
+                frame = HEAD.unpack(data[:16])[0] if isinstance(data, bytes) else frame
+                if frame > 20:
                     moves.set()
                 hearing = asyncio.ensure_future(line.recv())
                 if not isinstance(data, bytes):
@@ -116,7 +116,7 @@ async def driving(port, moves, via=None):
                         await one.say("mission", kind="drive")
                     continue
             n += 1
-            await one.say("beat", n=n, seen=seen, u=[0.5, 0.0, 0.0])
+            await one.say("beat", n=n, seen=frame, u=[0.5, 0.0, 0.0])
             await asyncio.sleep(0.03)
 
 
@@ -265,6 +265,6 @@ async def beats(one):
     n = 0
     while True:
         n += 1
-        seen = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
-        await one.say("beat", n=n, seen=seen, u=[0.0, 0.0, 0.0])
+        frame = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
+        await one.say("beat", n=n, seen=frame, u=[0.0, 0.0, 0.0])
         await asyncio.sleep(0.05)

@@ -32,8 +32,8 @@ def source() -> str:
 
 @pytest.mark.parametrize("path", sorted(STATIC.iterdir()), ids=lambda path: path.name)
 def test_a_file_names_no_address_elsewhere(path):
-    found = set(re.findall(r"(?:https?|wss?)://[^\s\"'`<>)]*", path.read_text(encoding="utf-8")))
-    assert {one for one in found if not one.endswith("://") and "${" not in one} <= NAMESPACES
+    addresses = set(re.findall(r"(?:https?|wss?)://[^\s\"'`<>)]*", path.read_text(encoding="utf-8")))
+    assert {one for one in addresses if not one.endswith("://") and "${" not in one} <= NAMESPACES
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
@@ -101,11 +101,11 @@ def test_a_style_loads_nothing(path):
 
 def test_both_ways_to_the_dark_theme_have_the_same_colours():
     style = (STATIC / "page.css").read_text(encoding="utf-8")
-    asked = re.search(r':root:not\(\[data-theme="light"\]\) \{(.*?)\}', style, re.DOTALL)
+    dark_rules = re.search(r':root:not\(\[data-theme="light"\]\) \{(.*?)\}', style, re.DOTALL)
     chosen = re.search(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)
-    assert asked
+    assert dark_rules
     assert chosen
-    assert asked[1].split() == chosen[1].split()
+    assert dark_rules[1].split() == chosen[1].split()
     light = re.search(r":root \{(.*?)\}", style, re.DOTALL)
     assert light
     assert set(re.findall(r"--[\w-]+:", chosen[1])) <= set(re.findall(r"--[\w-]+:", light[1]))

@@ -20,12 +20,12 @@ def folder(tmp_path):
 
 
 def named(run):
-    held = recorded(run)
-    return {field["name"]: held.x[:, k] for k, field in enumerate(held.fields)}, held
+    record = recorded(run)
+    return {field["name"]: record.x[:, k] for k, field in enumerate(record.fields)}, record
 
 
 def test_columns_of_a_run_are_what_it_recorded():
-    x, held = named(drive())
+    x, record = named(drive())
     np.testing.assert_allclose(x["t"], 0.01 * np.arange(300), atol=1e-6)
     np.testing.assert_allclose(x["cross"], 0.01, atol=1e-6)
     np.testing.assert_allclose(x["progress"][-1], 2.99, rtol=1e-3)
@@ -35,9 +35,9 @@ def test_columns_of_a_run_are_what_it_recorded():
     assert np.isnan(x["innov.imu[1]"]).all()
     assert np.isnan(x["truth.x"]).all()
     assert (x["u.0"][0], x["asked.0"][0], x["P.yy"][0]) == (0.5, np.float32(0.6), 9.0)
-    assert held.around["vehicle"]["footprint"] == {"kind": "round", "length_m": 0.14, "width_m": 0.14}
-    assert held.around["route"]["closed"] is False
-    assert held.around["blocks"]["model"] == "planar"
+    assert record.around["vehicle"]["footprint"] == {"kind": "round", "length_m": 0.14, "width_m": 0.14}
+    assert record.around["route"]["closed"] is False
+    assert record.around["blocks"]["model"] == "planar"
 
 
 @pytest.mark.parametrize(
@@ -46,18 +46,18 @@ def test_columns_of_a_run_are_what_it_recorded():
 def test_a_run_with_any_vehicle_text_is_shown(text):
     from dataclasses import replace
 
-    _, held = named(replace(drive(ticks=20), vehicle_text=text))
-    assert held.x.shape[0] == 20
-    assert len(held.around["vehicle"]["command"]) == 3
+    _, record = named(replace(drive(ticks=20), vehicle_text=text))
+    assert record.x.shape[0] == 20
+    assert len(record.around["vehicle"]["command"]) == 3
 
 
 def test_a_run_without_ticks_or_estimates_is_shown():
     from dataclasses import replace
 
     bare = replace(drive(ticks=5), estimate=None, reference=None, requested=None, sensors={}, events=())
-    x, held = named(bare)
+    x, record = named(bare)
     assert np.isnan(x["eta.x"]).all()
-    assert held.around["route"] is None
+    assert record.around["route"] is None
     empty = replace(bare, t_ns=bare.t_ns[:0], applied=bare.applied[:0])
     assert recorded(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
 
@@ -104,9 +104,9 @@ def test_each_browser_is_answered_in_its_language(folder):
             assert labels == ["tiempo", "time"]
             for who in (one, two):
                 await who.say("beat", n=1)
-            told = [await who.next("no") for who in (one, two)]
-            assert [no["code"] for no in told] == ["web.no-vehicle"] * 2
-            assert told[0]["why"] != told[1]["why"]
+            answers = [await who.next("no") for who in (one, two)]
+            assert [no["code"] for no in answers] == ["web.no-vehicle"] * 2
+            assert answers[0]["why"] != answers[1]["why"]
 
     run_page(job)
 

@@ -19,12 +19,12 @@ def tuned(tab, live):
 
 def test_a_slider_simulates_a_lap_at_each_move_and_a_descent_is_shown(tab, live):
     tuned(tab, live)
-    laps, far = len(asked(live, "lap")), tab.js(f"{TUNE}.lap.rms")
+    laps, far = len(requests_of(live, "lap")), tab.js(f"{TUNE}.lap.rms")
     tab.js("document.querySelectorAll('.gain input')[2].focus()")
     for _ in range(4):
         tab.press("PageDown")
     tab.wait(f"{TUNE}.lap.rms > 1.2 * {far}")
-    assert len(asked(live, "lap")) > laps
+    assert len(requests_of(live, "lap")) > laps
     assert not live.words("set")  # nothing that drives has changed
     tab.js(f"{TUNE}.do.downhill.click()")
     tab.wait(f"{TUNE}.values.every((x, k) => Math.abs(x - [0.6, 1.4, 6, 0.2][k]) < 1e-6)")
@@ -65,7 +65,7 @@ def test_chosen_runs_are_compared_and_the_list_comes_back(tab, live):
         tab.js(f"document.querySelectorAll('.runs [type=checkbox]')[{k}].click()")
     tab.js("document.querySelector('.runs footer .primary').click()")
     tab.wait("document.querySelector('.compared .better')?.textContent === '0.010'")
-    assert asked(live, "compare")[0]["runs"] == ["r0", "r1"]
+    assert requests_of(live, "compare")[0]["runs"] == ["r0", "r1"]
     tab.js("document.querySelector('.runs header .action').click()")
     tab.wait("document.querySelectorAll('.runs [type=checkbox]').length === 4")
 
@@ -106,5 +106,5 @@ def test_a_ghost_is_paired_by_marks(tab):
         tab.wait(f"{replay}.by === 'mark' && {replay}.pairs?.map[3000] === 3200")
 
 
-def asked(live, what):
+def requests_of(live, what):
     return [word for word in live.words("ask") if word["what"] == what]

@@ -70,8 +70,8 @@ def test_a_push_is_its_impulse_over_the_mass_in_either_frame():
         pushed = world(file=heavy, shake=[words], eta0=np.array([0.0, 0.0, np.pi / 2.0]))
         nu = driven(pushed, **still)[-1, 3:6]
         np.testing.assert_allclose(nu, [0.0, 0.3 / 0.61, 0.0], atol=1e-9)
-        said = pushed.new_events()[0][1]
-        assert said.figures["way"].code == "shake.way-left"
+        event = pushed.new_events()[0][1]
+        assert event.figures["way"].code == "shake.way-left"
 
 
 def test_an_imu_feels_a_push_and_the_floor_that_holds_a_vehicle_but_not_its_fall():
@@ -125,7 +125,7 @@ def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
         150: lambda w: w.shake({"kind": "push", "x": 0.1, "frame": "map"}),
     }
     rows = driven(lively, at=at)
-    events = [(t_ns, SHAKE_SOURCE, said) for t_ns, said in lively.new_events()]
+    events = [(t_ns, SHAKE_SOURCE, event) for t_ns, event in lively.new_events()]
     kept = faults_in(events)
     assert [one.kind for one in kept] == ["drift", "tilt", "tilt", "push"]
     assert (kept[0].at_s, kept[0].for_s) == (0.5, pytest.approx(0.7))
@@ -210,10 +210,10 @@ def test_the_ledger_says_who_could_not_and_why():
     ledger, row = rows_of("4 s: drift imu[2] 0.15")
     assert row.noticed == []
     assert set(row.silent()) == {"monitor", "model", "supervisor", "gate", "nis"}
-    said = ledger.nobody(row)
-    assert said.code == "ledger.nobody-and-off"
-    assert said.figures["why"].code == "ledger.why-drift"
-    assert said.figures["off"].figures["off_cm"] > 5.0
+    reason = ledger.nobody(row)
+    assert reason.code == "ledger.nobody-and-off"
+    assert reason.figures["why"].code == "ledger.why-drift"
+    assert reason.figures["off"].figures["off_cm"] > 5.0
     ledger, row = rows_of("4 s: sag 84 %")
     assert ledger.why(row.fault).code == "ledger.why-sag"
     ledger, row = rows_of("7.5 s: sag 84 %")

@@ -100,22 +100,24 @@ def run_of(ticks, truth=None):
 
 def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
     ticks, simulated = ticks_of(SENSORS, n=50)
-    known = simulated.new_truths()
-    assert [t for t, _ in known] == [t.t_ns for t in ticks]
+    motions = simulated.new_truths()
+    assert [t for t, _ in motions] == [t.t_ns for t in ticks]
     assert simulated.new_truths() == []
     truth = TruthLog(
-        np.array([t for t, _ in known]), *(np.array([m[i] for _, m in known]) for i in (0, 1, 2))
+        np.array([t for t, _ in motions]), *(np.array([m[i] for _, m in motions]) for i in (0, 1, 2))
     )
-    world, heard, truths = ReplayedWorld(run_of(ticks, truth)), [], []
+    world, ticks_read, truths = ReplayedWorld(run_of(ticks, truth)), [], []
     assert world.new_truths() == []
     for t_ns in world.times:
-        heard += world.read(t_ns)
+        ticks_read += world.read(t_ns)
         truths += world.new_truths()
         world.write(Command(t_ns, -5.0 * U))
-    assert [t.t_ns for t in heard] == [t.t_ns for t in ticks]
-    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(heard, ticks, strict=True))
-    assert [t for t, _ in truths] == [t for t, _ in known]
-    assert all(np.array_equal(a.eta, b.eta) for (_, a), (_, b) in zip(truths, known, strict=True))
+    assert [t.t_ns for t in ticks_read] == [t.t_ns for t in ticks]
+    assert all(
+        np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(ticks_read, ticks, strict=True)
+    )
+    assert [t for t, _ in truths] == [t for t, _ in motions]
+    assert all(np.array_equal(a.eta, b.eta) for (_, a), (_, b) in zip(truths, motions, strict=True))
     assert world.commands == 3
 
 

@@ -109,17 +109,17 @@ def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(progr
 
 
 @pytest.mark.parametrize(
-    ("held", "why"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
+    ("content", "why"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
 )
 def test_a_file_on_the_robot_that_cannot_be_read_is_reported_and_kept_beside_the_new_one(
-    programs, pi, wheels, there, held, why
+    programs, pi, wheels, there, content, why
 ):
-    there.write_bytes(held)
+    there.write_bytes(content)
     lines = []
     setup("r1", wheels, PI, vehicle=SMALL, say=lines.append, root=str(pi))
     assert lines[0].startswith(f"vehicle.toml  the vehicle file there is not TOML ({why}")
     assert there.read_text() == SMALL.text
-    assert there.with_name("vehicle.toml.before").read_bytes() == held
+    assert there.with_name("vehicle.toml.before").read_bytes() == content
     programs(ssh="echo no way >&2; exit 255")
     with refused("setup.file-not-read", RobotUnreachable, host="r1"):
         setup("r1", wheels, PI, vehicle=SMALL, root=str(pi))

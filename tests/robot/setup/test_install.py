@@ -128,7 +128,7 @@ def test_su2_a_wheel_that_is_not_the_one_of_the_lock_is_not_installed(programs, 
     wheel.write_bytes(whole + b"\0")  # still a wheel
     with refused("setup.not-finished", RobotUnreachable):
         setup("r1", wheels, PI, root=str(pi))
-    assert ("hash" in (said := capfd.readouterr().err).lower()) or "differs from the lock" in said
+    assert ("hash" in (errors := capfd.readouterr().err).lower()) or "differs from the lock" in errors
     assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
     wheel.write_bytes(whole)
@@ -157,9 +157,9 @@ def test_notes_that_are_damaged_are_reported_with_what_to_type(programs, pi, whe
     for verb in (lambda: setup("r1", wheels, PI, root=str(pi)), lambda: remove("r1", PI, root=str(pi))):
         with pytest.raises(RobotUnreachable):
             verb()
-        assert "setup.json is damaged (Expecting value" in (said := capfd.readouterr().err)
-        assert "sudo mv" in said
-        assert "Traceback" not in said
+        assert "setup.json is damaged (Expecting value" in (errors := capfd.readouterr().err)
+        assert "sudo mv" in errors
+        assert "Traceback" not in errors
 
 
 def test_what_runs_as_root_lies_in_a_folder_that_nobody_made_before(programs, pi, tmp_path):

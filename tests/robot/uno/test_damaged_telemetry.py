@@ -25,16 +25,16 @@ def telemetry(k, rng):
 
 
 @pytest.fixture(scope="module")
-def said():
+def frames_sent():
     """4096 frames that are whole, no two alike."""
     rng = np.random.default_rng(1)
     return [ReceivedFrame(k & 0xFF, telemetry(k, rng)) for k in range(4096)]
 
 
 @pytest.fixture(scope="module")
-def whole(said):
+def whole(frames_sent):
     """(4096, 46) the same on the wire."""
-    return np.array([list(encode(frame, seq)) for seq, frame in said], dtype=np.uint8)
+    return np.array([list(encode(frame, seq)) for seq, frame in frames_sent], dtype=np.uint8)
 
 
 class Kept(Decoder):
@@ -42,12 +42,12 @@ class Kept(Decoder):
 
     def __init__(self):
         super().__init__()
-        self.believed = []
+        self.accepted_frames = []
 
     def feed(self, data):
-        found = super().feed(data)
-        self.believed += found
-        return found
+        frames_received = super().feed(data)
+        self.accepted_frames += frames_received
+        return frames_received
 
 
 def drawn(whole, rng):
@@ -122,7 +122,7 @@ DAMAGE = {  # name: (what it does, whether a CRC of 16 bits sees all of it)
 }
 
 
-def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(said, whole):
+def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(frames_sent, whole):
     rng, line = np.random.default_rng(2026), Line()
     uno = Uno(line, lambda: line.now_ns)
     uno._decoder = Kept()
@@ -133,9 +133,9 @@ def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(said
             line.coming = data[start : start + AT_ONCE]
             line.now_ns += 10_000_000
             uno.receive()
-        wrong[name] = len(set(uno._decoder.believed) - set(said))
-        uno._decoder.believed.clear()
-    assert all(wrong[name] == 0 for name, (_, seen) in DAMAGE.items() if seen), wrong
+        wrong[name] = len(set(uno._decoder.accepted_frames) - set(frames_sent))
+        uno._decoder.accepted_frames.clear()
+    assert all(wrong[name] == 0 for name, (_, accepted) in DAMAGE.items() if accepted), wrong
     assert sum(wrong.values()) <= len(DAMAGE) * EACH / 65_536, wrong  # measured: 6 of 15
     line.say(info())
     line.say(state(10))

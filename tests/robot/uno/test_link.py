@@ -116,8 +116,8 @@ def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, u
     line.say(state(10))
     line.seq += 1  # a frame that never comes
     line.say(state(30, sums=(20 * 400, -20 * 100)))
-    said = uno.receive()
-    np.testing.assert_allclose(said[-1].applied, [0.4, -0.1])
+    measurements = uno.receive()
+    np.testing.assert_allclose(measurements[-1].applied, [0.4, -0.1])
     assert uno.statistics.lost == 1
 
 
@@ -227,7 +227,7 @@ def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_ha
         line.now_ns = k * 10 * MS
         measured_ns = line.now_ns - round(rng.uniform(0.2, 1.2) * MS)
         line.say(state(0)._replace(t_us=device(measured_ns)))
-        said = uno.receive()
+        measurements = uno.receive()
         for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
             there, back = rng.uniform(0.2, 1.2, 2) * MS
             late = 4 * MS if rng.random() < 0.15 else 0
@@ -236,7 +236,7 @@ def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_ha
             uno.pump()
         line.sent.clear()
         if k > 1000:
-            errors.append(said[-1].t_ns - measured_ns)
+            errors.append(measurements[-1].t_ns - measured_ns)
     assert abs(uno.clock.skew - 1 / rate + 1) < 2e-4
     assert np.std(errors) < 0.5 * MS
 

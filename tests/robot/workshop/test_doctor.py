@@ -78,11 +78,11 @@ def test_a_battery_is_judged_by_its_limit():
 def test_real_time_and_jitter_tell_a_figure_and_leave_the_priority_as_it_was():
     before = os.sched_getscheduler(0)
     assert "SCHED_FIFO" in only(doctor.realtime()).figure
-    said = []
-    check = only(doctor.jitter(0.2, said.append))
+    texts = []
+    check = only(doctor.jitter(0.2, texts.append))
     assert "of 20 ticks" in check.figure
     assert "p99" in check.figure
-    assert said == ["measures the wake-up error of a 100 Hz loop for 0.2 s"]
+    assert texts == ["measures the wake-up error of a 100 Hz loop for 0.2 s"]
     assert os.sched_getscheduler(0) == before
 
 
@@ -120,8 +120,8 @@ def test_hardware_that_is_not_there_is_bad_and_not_the_end(tmp_path, monkeypatch
     monkeypatch.setattr(serial_port, "OTHERS", ())
     hardware = vehicle_file.load("small").robot
     report = doctor.examine(hardware, tmp_path, tmp_path)
-    found = {check.name: check for check in report.checks}
-    assert "is its USB cable plugged in" in found["serial line"].remedy.lower().replace(
+    checks = {check.name: check for check in report.checks}
+    assert "is its USB cable plugged in" in checks["serial line"].remedy.lower().replace(
         "is its usb", "is its USB"
     )
-    assert {"IMU", "group i2c", "supply", "disk", "clock", "real time"} <= set(found)
+    assert {"IMU", "group i2c", "supply", "disk", "clock", "real time"} <= set(checks)
