@@ -76,14 +76,14 @@ class Filterpy:
         return self.ekf
 
     def _of_motion(self, x, u):
-        F, one, at, slope, total = np.eye(13), np.eye(6), x[:6], np.eye(6), np.zeros((6, 6))
+        F, identity, at, slope, total = np.eye(13), np.eye(6), x[:6], np.eye(6), np.zeros((6, 6))
         for weight, ahead in ((1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)):
             slope = self._rate(at) @ slope
             total += weight * slope
             c, s = np.cos(at[2]), np.sin(at[2])
             way = np.array([c * at[3] - s * at[4], s * at[3] + c * at[4], at[5]])
             at = x[:6] + ahead * DT * np.concatenate([way, nu_dot(at[3:], u)])
-            slope = one + ahead * DT * slope
+            slope = identity + ahead * DT * slope
         F[:6, :6] += DT / 6.0 * total
         F[3, 6] = F[5, 7] = DT
         F[6, 6], F[7, 7] = self.keep

@@ -54,12 +54,12 @@ def disturbances(seed, ticks, rate_hz):
     return out
 
 
-def beside(loops, robots, seeds, seconds):
+def errors_beside(loops, robots, seeds, seconds):
     """The distance beside the path of each robot, rms [m]."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     t_ns, guide = times(int(seconds * rate_hz), rate_hz), Repeat.along(ROUTE)
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
-    states, u, now = [one.start(ROUTE.eta[0]) for one in loops], np.zeros((n, 3)), guide.init()
+    states, u, now = [loop.start(ROUTE.eta[0]) for loop in loops], np.zeros((n, 3)), guide.init()
     off = np.stack([disturbances(seed, len(t_ns), rate_hz) for seed in seeds])
     true, requested = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
     at_rest = Estimate(0, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
@@ -68,10 +68,10 @@ def beside(loops, robots, seeds, seconds):
         world.go(np.column_stack([duty.mean(1), np.zeros(n), 0.5 * (duty[:, 1] - duty[:, 0])]), 1.0 / rate_hz)
         truth = world.truth
         now, reference = guide.step(now, at_rest._replace(t_ns=int(t)))
-        for i, one in enumerate(loops):
+        for i, loop in enumerate(loops):
             state = np.concatenate([truth.eta[i], truth.nu[i]])
-            states[i], (u[i], _) = one.step(
-                states[i], Tick(int(t), u[i].copy(), one.slots(Slot(1.0, state))), reference
+            states[i], (u[i], _) = loop.step(
+                states[i], Tick(int(t), u[i].copy(), loop.slots(Slot(1.0, state))), reference
             )
         true[k], requested[k] = truth.eta[:, :2], reference.eta[:2]
     late = t_ns >= int(min(FROM_S, 0.5 * seconds) * 1e9)
@@ -89,11 +89,11 @@ def main():
     each = [draw_robots(1, seed) for seed in seeds]
     gains = {"alpha": 4.0, "beta": 1.0, "gamma": 0.1} if args.controller == "pd" else {}
     files = [
-        model_of(one, seed).with_values(
+        model_of(robot, seed).with_values(
             {"controller.kind": args.controller}
             | {f"controller.{name}": value for name, value in gains.items()}
         )
-        for one, seed in zip(each, seeds, strict=True)
+        for robot, seed in zip(each, seeds, strict=True)
     ]
     loops, robots = [Loop(file, True, "auto") for file in files], together(each)
     own = float(np.median(robots.delay_s))
@@ -102,7 +102,7 @@ def main():
     )
     rows = []
     for late in extra:
-        rows.append(beside(loops, robots.changed(delay_s=robots.delay_s + late), seeds, seconds))
+        rows.append(errors_beside(loops, robots.changed(delay_s=robots.delay_s + late), seeds, seconds))
         middle, worst = 1e3 * np.median(rows[-1]), 1e3 * np.max(rows[-1])
         print(f"  {1e3 * (own + late):6.0f} {middle:8.2f} {worst:8.2f}", flush=True)
     medians = np.array([np.median(d) for d in rows])

@@ -79,8 +79,8 @@ def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
 
 def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench | LeftOut]:
     times = in_turn(guest, door, rounds)
-    times_ms, besides = [
-        [x for one in rows for x in one] for rows in (times.messages, times.messages_flooded)
+    times_ms, flooded_ms = [
+        [x for rows in rows for x in rows] for rows in (times.messages, times.messages_flooded)
     ]
     most, late = quantile(times.flooded, 0.95), quantile(times_ms, 0.95)
     first = f"{'with' if guest.first else 'without'} SCHED_FIFO, {share}"
@@ -96,8 +96,8 @@ def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench 
     tellings = (
         Row("nobody else is there", 1e-3 * median(times_ms), 1.0, missed=late > MOST_TOLD_MS,
             note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(times_ms)}"),
-        Row(f"{FLOODING} guests flood", 1e-3 * median(besides), median(besides) / median(times_ms),
-            note=f"p95 {quantile(besides, 0.95):.2f} ms of {len(besides)}"),
+        Row(f"{FLOODING} guests flood", 1e-3 * median(flooded_ms), median(flooded_ms) / median(times_ms),
+            note=f"p95 {quantile(flooded_ms, 0.95):.2f} ms of {len(flooded_ms)}"),
     )  # fmt: skip
     names = "from a STOP to the zero command", "from the loop's word to who listens"
     return [Bench(name, rows) for name, rows in zip(names, (stops, tellings), strict=True)]
@@ -258,9 +258,9 @@ def flooded(door: Path, number: int) -> Iterator[None]:
 
 
 @contextmanager
-def _child(what: str, folder: Path) -> Iterator[tuple[int, Path]]:
+def _child(role: str, folder: Path) -> Iterator[tuple[int, Path]]:
     door, end = folder / "door", time.monotonic() + STARTS_S
-    with _program(what, str(folder)) as program:
+    with _program(role, str(folder)) as program:
         while not door.exists():
             assert program.poll() is None, "the service did not start"
             assert time.monotonic() < end, "the service did not start"
@@ -269,8 +269,8 @@ def _child(what: str, folder: Path) -> Iterator[tuple[int, Path]]:
 
 
 @contextmanager
-def _program(what: str, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
-    code = f"import sys; from benchmarks.door import {what}; {what}(*sys.argv[1:])"
+def _program(role: str, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
+    code = f"import sys; from benchmarks.door import {role}; {role}(*sys.argv[1:])"
     with subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE) as program:
         try:
             yield program

@@ -125,13 +125,13 @@ def measured(
 def row(
     name: str,
     seconds: float,
-    ours: float,
+    own_seconds: float,
     targets: dict[str, float],
     notes: dict[str, str],
     most: dict[str, float] | None = None,
 ) -> Row:
     """One case beside ours."""
-    target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / ours
+    target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / own_seconds
     missed = ratio < target or bool(limit and ratio > limit)
     return Row(name, seconds, ratio, target, notes.get(name, ""), missed, limit)
 

@@ -134,23 +134,23 @@ def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
     rows = np.concatenate([np.full((len(u), 1), peers.DT), u[:, [0, 2]], z], axis=1)
     cost, gradient, hessian = np.empty(1), np.empty(15), np.empty((15, 15))
     by_hand = called(libraries, "fit", len(u), MOTORS, rows, BEND, cost, gradient, hessian)
-    ours, apart = (
-        scan(step, BEGUN, one, MOTORS, backend="c")
-        for step, one in (
+    kernel, packing_kernel = (
+        scan(step, BEGUN, example, MOTORS, backend="c")
+        for step, example in (
             (late, rows[0]),
             (lambda p, x, row: late(p, x, np.concatenate(row)), parts(rows[0])),
         )
     )
-    equations = ours.normal_equations(rows, MOTORS, BEND)
+    equations = kernel.normal_equations(rows, MOTORS, BEND)
     np.testing.assert_allclose(equations.cost, cost[0], rtol=1e-11)
     np.testing.assert_allclose(equations.gradient, gradient, rtol=1e-9)
     np.testing.assert_allclose(
         np.triu(equations.hessian), np.triu(hessian), rtol=1e-9, atol=1e-9 * hessian.max()
     )
     cases = [
-        Case("scan", lambda: ours.normal_equations(rows, MOTORS, BEND)),
+        Case("scan", lambda: kernel.normal_equations(rows, MOTORS, BEND)),
         *by_hand,
-        Case("scan, packed at each call", lambda: apart.normal_equations(parts(rows), MOTORS, BEND)),
+        Case("scan, packed at each call", lambda: packing_kernel.normal_equations(parts(rows), MOTORS, BEND)),
     ]
     return measured(
         f"kernel c: normal equations, 15 parameters, {len(u):,} ticks", cases, FIT, clock=process_time
@@ -185,9 +185,9 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
     theta = ALL * np.random.default_rng(0).uniform(0.9, 1.1, (32, 17))
     expected = np.empty((32, 6))
     by_hand = called(libraries, "fleet", 32, len(u), theta, u, expected)
-    ours = scan(lambda p, x, u: (runge_kutta(p, x, u), x), np.zeros(6), u[0], ALL, backend="c")
-    np.testing.assert_allclose(ours.batch(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
-    cases = [Case("scan.batch", lambda: ours.batch(u, theta)), *by_hand]
+    kernel = scan(lambda p, x, u: (runge_kutta(p, x, u), x), np.zeros(6), u[0], ALL, backend="c")
+    np.testing.assert_allclose(kernel.batch(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
+    cases = [Case("scan.batch", lambda: kernel.batch(u, theta)), *by_hand]
     return measured(
         f"kernel e: 32 vehicles side by side, {len(u):,} ticks, one processor",
         cases,

@@ -104,7 +104,7 @@ def accuracy(case: Case, made: matched.Drives) -> Found:
         some = slice(first, first + TOGETHER)
         true = np.swapaxes(made.x[:, some], 0, 1)
         each_run = [kernel.run(ticks_of(made, first + k, case.block.use))[1] for k in range(len(true))]
-        eta, nu, cov, y, S = (np.stack(one) for one in zip(*each_run, strict=True))
+        eta, nu, cov, y, S = (np.stack(outputs) for outputs in zip(*each_run, strict=True))
         off, e = eta - true[..., matched.POSE], nu - true[..., matched.NU] * (1.0 + true[..., [8, 8, 9]])
         off[..., 2] = wrap(off[..., 2])
         each = {
@@ -124,7 +124,7 @@ def accuracy(case: Case, made: matched.Drives) -> Found:
     width = {name: BAND * np.sqrt(2.0 / (drives * size)) for name, (_, size) in sums.items()}
     rms = np.sqrt(squares), np.sqrt(np.mean(bound[settled:, 0]))
     t_s = matched.DT * np.arange(1, n + 1)
-    return Found(case.name, t_s, {name: one for name, (one, _) in sums.items()}, width, rms)
+    return Found(case.name, t_s, {name: series for name, (series, _) in sums.items()}, width, rms)
 
 
 def main() -> None:
@@ -143,15 +143,15 @@ def main() -> None:
     for case in cases():
         if assumed is None or made is None or not all(map(np.array_equal, assumed, case.assumed)):
             assumed, made = case.assumed, simulated(case.assumed, drives, seconds)
-        one = accuracy(case, made)
-        all_found.append(one)
+        result = accuracy(case, made)
+        all_found.append(result)
         words = [
-            f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < one.width[name]):.0%})"
-            for name, x in one.ratios.items()
+            f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < result.width[name]):.0%})"
+            for name, x in result.ratios.items()
         ]
-        ours, least = one.speed
-        words.append(f"speed {1e3 * ours:.2f} mm/s = {ours / least:.2f} × the bound")
-        print(f"{one.name:74}  {', '.join(words)}", flush=True)
+        reached, least = result.speed
+        words.append(f"speed {1e3 * reached:.2f} mm/s = {reached / least:.2f} × the bound")
+        print(f"{result.name:74}  {', '.join(words)}", flush=True)
     if args.plot:
         _drawn(all_found).savefig(args.plot)
 
@@ -200,7 +200,7 @@ def ticks_of(made: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
     """Return what a filter hears of drive `k`."""
     n, z = len(made.u), made.z[:, k]
     columns = (np.ascontiguousarray(z[:, :3]), np.ascontiguousarray(z[:, 3:]))[: len(use)]
-    slots = sensor_slots(use)(*(Slot(np.ones(n), one, np.zeros(n)) for one in columns))
+    slots = sensor_slots(use)(*(Slot(np.ones(n), column, np.zeros(n)) for column in columns))
     t_ns: Any = round(1e9 * matched.DT) * np.arange(1, n + 1)
     return Tick(t_ns, made.u, slots)
 
@@ -215,15 +215,17 @@ def _drawn(all_found: list[Found]) -> Any:
 
     names = list(all_found[0].ratios)[:3]
     figure = over_time(
-        [(one.name, {name: (one.t_s, one.ratios[name]) for name in names}) for one in all_found]
+        [(result.name, {name: (result.t_s, result.ratios[name]) for name in names}) for result in all_found]
     )
-    for axis, one in zip(figure.axes, all_found, strict=True):
-        axis.set_ylim(0.0, max(2.0, 1.2 * max(float(np.max(one.ratios[name])) for name in names)))
+    for axis, result in zip(figure.axes, all_found, strict=True):
+        axis.set_ylim(0.0, max(2.0, 1.2 * max(float(np.max(result.ratios[name])) for name in names)))
         axis.set_title(axis.get_ylabel())
         axis.set_ylabel("mean / dimension")
         for line, colour in zip(axis.lines, ("#1f77b4", "#d62728", "#2ca02c"), strict=False):
             line.set_color(colour)
-        axis.axhspan(1.0 - one.width[names[0]], 1.0 + one.width[names[0]], color="#8a8f98", alpha=0.25, lw=0)
+        axis.axhspan(
+            1.0 - result.width[names[0]], 1.0 + result.width[names[0]], color="#8a8f98", alpha=0.25, lw=0
+        )
     figure.axes[0].legend(names, ncols=3, loc="upper right")
     return figure
 

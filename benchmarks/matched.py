@@ -72,7 +72,7 @@ def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
     x[:, D] = assumed.disturbance * rng.standard_normal((n, 2))
     keep = np.exp(-0.5 * h / assumed.fade_s)
     fresh = assumed.disturbance * np.sqrt(1.0 - keep**2)
-    walk, of_bias = (one * np.sqrt(0.5 * h) for one in (assumed.walk, assumed.bias_walk))
+    walk, of_bias = (density * np.sqrt(0.5 * h) for density in (assumed.walk, assumed.bias_walk))
 
     def shaken(x: np.ndarray) -> np.ndarray:
         draw, x = rng.standard_normal((n, 8)), x.copy()
@@ -134,11 +134,11 @@ def _transition(x: np.ndarray, noise: np.ndarray, fade_s: np.ndarray) -> tuple[n
     A[:, 1, 0], A[:, 1, 1], A[:, 1, 2] = -r, -ACROSS / M[1], -vx
     A[:, 2, 2], A[:, 2, 4] = -SPIN / I, 1.0
     A[:, 3, 3], A[:, 4, 4] = -1.0 / fade_s
-    one, power = np.broadcast_to(np.eye(8), A.shape).copy(), np.eye(8)
+    identity, power = np.broadcast_to(np.eye(8), A.shape).copy(), np.eye(8)
     for k in range(1, 5):
         power = power @ A * (h / k)
-        one = one + power
+        identity = identity + power
     F, Q, half = np.broadcast_to(np.eye(8), A.shape), np.zeros((n, 8, 8)), np.diag(0.5 * h * noise)
     for _ in range(STEPS):
-        F, Q = one @ F, one @ (Q + half) @ np.swapaxes(one, 1, 2) + half
+        F, Q = identity @ F, identity @ (Q + half) @ np.swapaxes(identity, 1, 2) + half
     return F, Q

@@ -116,7 +116,7 @@ def loading_s(times: int) -> float:
         subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=environment)
         for _ in range(times)
     ]
-    return min(float(one.stdout) for one in processes)
+    return min(float(process.stdout) for process in processes)
 
 
 def started(built: Any) -> tuple[float, float]:

@@ -53,13 +53,13 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
 
 async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
     """Processor time and memory of the page process without and with viewers, in turn."""
-    alone, watched = [], []
+    quiet, watched = [], []
     for _ in range(rounds):
-        alone.append(await _share(page, seconds))
+        quiet.append(await _share(page, seconds))
         async with _looking(port, VIEWERS):
             watched.append(await _share(page, seconds))
     resident = resident_mb(page)
-    none, five = median(alone), median(watched)
+    none, five = median(quiet), median(watched)
     rows = (
         Row("nobody looks", none / 100.0, 1.0, note=f"{none:.2f} % of a core"),
         Row(
@@ -85,12 +85,12 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
             asking = asyncio.create_task(_ask_again(lines[0]))
             taken.append(await asyncio.to_thread(guest.late_ms, seconds))
             asking.cancel()
-    without, beside = (p99([x for one in several for x in one]) for several in (plain, taken))
+    without, loaded = (p99([x for times in several for x in times]) for several in (plain, taken))
     later = median(p99(b) - p99(a) for a, b in zip(plain, taken, strict=True))
     rows = (
         Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(
-            "with one who takes history", 1e-3 * beside, beside / max(without, 1e-9), missed=later > MOST_LATER_MS,
+            "with one who takes history", 1e-3 * loaded, loaded / max(without, 1e-9), missed=later > MOST_LATER_MS,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g})",
         ),
     )  # fmt: skip
@@ -100,21 +100,21 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
 async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
     """Memory of the page process, and how late a tick begins, while tabs read nothing."""
     first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
-    plain, stalled, grown, there = [], [], [], 0
+    plain, stalled, grown, visitors = [], [], [], 0
     for _ in range(rounds):
         plain.append(await asyncio.to_thread(guest.late_ms, seconds))
         before = resident_mb(page)
         async with _come(port, TABS) as lines:
-            there = len(lines)
+            visitors = len(lines)
             for line in lines:
                 line.transport.pause_reading()
             stalled.append(await asyncio.to_thread(guest.late_ms, seconds))
             grown.append(resident_mb(page) - before)
     later = median(p99(b) - p99(a) for a, b in zip(plain, stalled, strict=True))
-    without, beside = (p99([x for one in several for x in one]) for several in (plain, stalled))
+    without, loaded = (p99([x for times in several for x in times]) for several in (plain, stalled))
     rows = (
         Row("p99 without them", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
-        Row(f"with the {there} that are let in", 1e-3 * beside, beside / max(without, 1e-9),
+        Row(f"with the {visitors} that are let in", 1e-3 * loaded, loaded / max(without, 1e-9),
             missed=later > MOST_LATER_MS or max(grown) > MOST_GROWN_MB,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g}); "
                  f"{max(grown):+.1f} MB resident (at most {MOST_GROWN_MB:g})"),
@@ -146,13 +146,13 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
         drawings = tab.js("baqueano.costs")
         strips = tab.js("document.querySelectorAll('.strip canvas, canvas.strip').length")
         for _ in range(1 if smallest else 5):
-            other = chromium.tab()
-            other.size(1280, 800)
-            other.do("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
-            other.goto(f"http://127.0.0.1:{port}/")
-            other.wait("globalThis.first_ms", STARTS_S)
-            pictures.append(other.js("first_ms"))
-            other.close()
+            second = chromium.tab()
+            second.size(1280, 800)
+            second.do("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
+            second.goto(f"http://127.0.0.1:{port}/")
+            second.wait("globalThis.first_ms", STARTS_S)
+            pictures.append(second.js("first_ms"))
+            second.close()
         tab.close()
     picture, key, drawing = median(pictures), median(keys), quantile(drawings, 0.95)
     rows = (

@@ -84,12 +84,12 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
     few = min(n, 6000)  # filterpy takes the same time for each tick
 
     def by_filterpy():
-        other = augmented_peer.Filterpy(*peer)
-        return np.array([other.step(*row) for row in zip(u[:few], z[:few], strict=True)])
+        peer_filter = augmented_peer.Filterpy(*peer)
+        return np.array([peer_filter.step(*row) for row in zip(u[:few], z[:few], strict=True)])
 
-    ours = kernel.run(ticks)[1]
-    theirs = by_filterpy()
-    off = ours[1][:few, 2] - theirs[:, 5]
+    outputs = kernel.run(ticks)[1]
+    reference = by_filterpy()
+    off = outputs[1][:few, 2] - reference[:, 5]
     assert np.sqrt(np.mean(off**2)) < AGREE, np.sqrt(np.mean(off**2))
     named = f"filterpy, 13 states, {few / 100:g} s of it"
     cases = [
@@ -101,7 +101,7 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
     except ImportError:
         cases.append(None)
     else:
-        np.testing.assert_allclose(by_dynamax()[:few, 3:6], theirs[:, 3:6], atol=1e-3)
+        np.testing.assert_allclose(by_dynamax()[:few, 3:6], reference[:, 3:6], atol=1e-3)
         cases.append(Case("dynamax, 13 states, jit", by_dynamax, 1 if smallest else 3))
     left_out = [LeftOut("dynamax on ten minutes of log", "pip install dynamax")] if cases[-1] is None else []
     bench = measured(
@@ -122,17 +122,17 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
 
         def once():
             k = state[1] % len(u)
-            one = Tick(10_000_000 * (state[1] + 1), u[k], SLOTS(Slot(1.0, z[k])))
-            state[0], _ = made.step(state[0], one)
+            tick = Tick(10_000_000 * (state[1] + 1), u[k], SLOTS(Slot(1.0, z[k])))
+            state[0], _ = made.step(state[0], tick)
             state[1] += 1
 
         return once
 
-    other, at = augmented_peer.Filterpy(*_peer(block)), [0]
+    peer_filter, at = augmented_peer.Filterpy(*_peer(block)), [0]
 
     def by_filterpy():
         k = at[0] % len(u)
-        other.step(u[k], z[k])
+        peer_filter.step(u[k], z[k])
         at[0] += 1
 
     quick, slow = online(compiled(block)), online(compiled(block, "python"))
@@ -144,10 +144,10 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
     bench = measured(
         "a tick on line, through step", cases, {"filterpy, 13 states": 20.0}, clock=time.process_time
     )
-    without, theirs = (row for row in bench.rows[1:])
-    gain = theirs.seconds / without.seconds
+    without, reference = (row for row in bench.rows[1:])
+    gain = reference.seconds / without.seconds
     judged = without._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
-    return bench._replace(rows=(bench.rows[0], judged, theirs))
+    return bench._replace(rows=(bench.rows[0], judged, reference))
 
 
 def _of_compiling(smallest: bool) -> Bench:

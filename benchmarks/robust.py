@@ -42,10 +42,10 @@ def vehicle():
 def judged(file, gains, count, **options):
     """Cost and distance beside the path, rms [mm], of each of `count` other vehicles."""
     drives = rehearse(file, ROUTE, draws=1, **options)
-    others = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
-    drives = replace(drives, vehicles=others)
+    vehicles = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
+    drives = replace(drives, vehicles=vehicles)
     leg = drives.legs[0]
-    far = [leg.shown.run(leg.inputs[0], np.concatenate([gains, v]), carry=leg.start)[1][0] for v in others]
+    far = [leg.shown.run(leg.inputs[0], np.concatenate([gains, v]), carry=leg.start)[1][0] for v in vehicles]
     return drives.of_vehicles(gains[None])[0], np.array([1e3 * rms(d) for d in far])
 
 

@@ -30,7 +30,7 @@ def benches(smallest: bool) -> list[Bench]:
     rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
     low, high = rehearsal.space.low, rehearsal.space.high
     fixed = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
-    tuning = ours(file, duration_s, fixed)
+    tuning = by_baqueano(file, duration_s, fixed)
     theta, m, I = peers.parameters()
     weights, limit, ticks = tuning.weights, file.command.limit, round(duration_s * file.rate_hz)
 
@@ -44,7 +44,7 @@ def benches(smallest: bool) -> list[Bench]:
     evolved = evolution(rehearsal, bounds, EVOLVED * len(tuning.history) if not smallest else 100)
     ours_s, one_s = interleaved(
         [
-            Case(NAMED, lambda: ours(file, duration_s, fixed), 1 if smallest else ROUNDS),
+            Case(NAMED, lambda: by_baqueano(file, duration_s, fixed), 1 if smallest else ROUNDS),
             Case("NumPy loop", lambda: numpy_cost(start), 1),
         ]
     )
@@ -77,6 +77,6 @@ def evolution(rehearsal, bounds, evaluations):
     )  # fmt: skip
 
 
-def ours(file, duration_s, bounds=None):
+def by_baqueano(file, duration_s, bounds=None):
     """The gains of the least cost of the paper, within the bounds of the peers."""
     return tune(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0, bounds=bounds)

@@ -43,7 +43,7 @@ def logged(
 ) -> Run:
     """Return the first `ticks` of drive `k` as a run with an estimate, and with its truth if asked for."""
     ticks_of_run = limit.ticks_of(made, k, use)
-    eta, nu, cov, y, S = (np.asarray(one)[:ticks] for one in kernel.run(ticks_of_run)[1])  # type: ignore[attr-defined]
+    eta, nu, cov, y, S = (np.asarray(output)[:ticks] for output in kernel.run(ticks_of_run)[1])  # type: ignore[attr-defined]
     x, t_ns = made.x[:ticks, k], np.asarray(ticks_of_run.t_ns)[:ticks]
     shown = x[:, matched.NU] * (1.0 + x[:, [8, 8, 9]])
     log = TruthLog(t_ns, x[:, matched.POSE], shown, np.full_like(shown, np.nan)) if truth else None
@@ -59,7 +59,7 @@ def judged(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[
         kernel, assumed = limit.kernel_of(block), limit.assumed_by(block, imu)
         for j, kappa in enumerate(RATIOS):
             n = max(drives // (2 * len(RATIOS)), 2)
-            scaled = matched.Assumed(*(one * np.sqrt(kappa) for one in assumed))._replace(
+            scaled = matched.Assumed(*(density * np.sqrt(kappa) for density in assumed))._replace(
                 fade_s=assumed.fade_s
             )
             made = limit.simulated(scaled, n, longest_s, 10 * j + len(use))
@@ -88,12 +88,12 @@ def main() -> int:
     ):
         results = judged(imu, odometer, *size)
         for kappa in dict.fromkeys(RATIOS):
-            words = Counter(one.verdict for one in results if one.kappa == kappa)
+            words = Counter(result.verdict for result in results if result.kappa == kappa)
             print(
                 f"{name}, variances × {kappa:<5g} {', '.join(f'{word}: {n}' for word, n in words.most_common())}"
             )
-        wrong = np.mean([not RIGHT.get(one.verdict, lambda k: True)(one.kappa) for one in results])
-        could = [one.verdict != "cannot tell" for one in results if one.samples >= ENOUGH]
+        wrong = np.mean([not RIGHT.get(result.verdict, lambda k: True)(result.kappa) for result in results])
+        could = [result.verdict != "cannot tell" for result in results if result.samples >= ENOUGH]
         speaks = float(np.mean(could)) if could else 1.0
         met = bool(wrong <= WRONG and speaks >= SPEAKS)
         print(

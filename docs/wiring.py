@@ -69,7 +69,9 @@ def pins(header: str) -> Pins:
     for name in ("PWM / enable", "direction 1, 2", "encoder A, B"):
         rows[name] = re.findall(r"\b[AD]\d+", _first_match(re.escape(name) + r"(.*)", header))
     single = (r"TB6612 (A\d)", r"divider (A\d)", r"lap mark (D\d+)", r"lamp (D\d+)")
-    return Pins(*(tuple(row) for row in rows.values()), *(_first_match(one, header) for one in single))
+    return Pins(
+        *(tuple(row) for row in rows.values()), *(_first_match(pattern, header) for pattern in single)
+    )
 
 
 def _first_match(pattern: str, text: str) -> str:
@@ -155,14 +157,14 @@ def computer(s: Sheet) -> None:
     s.text(170, 511, "stay free", 11)
     rows = (("three", "1", "3V3", "VCC", "3.3 V"), ("i2c", "3", "SDA", "SDA", "SDA"),
             ("i2c", "5", "SCL", "SCL", "SCL"), ("ground", "6", "GND", "GND", "GND"))  # fmt: skip
-    for place, (kind, number, name, other, label) in enumerate(rows):
+    for place, (kind, number, name, imu_pin, label) in enumerate(rows):
         x = 84.0 + 57.0 * place
-        s.wire(kind, (f"Pi {number}", f"IMU {other}"), [(x, 270), (x, 430)], (x, 350), label, upright=True)
+        s.wire(kind, (f"Pi {number}", f"IMU {imu_pin}"), [(x, 270), (x, 430)], (x, 350), label, upright=True)
         s.pin(x, 270)
         s.pin(x, 430)
         s.text(x, 246, number, 13, font_weight="bold")
         s.text(x, 261, name, 12)
-        s.text(x, 450, other, 12)
+        s.text(x, 450, imu_pin, 12)
 
 
 def supply(s: Sheet, p: Pins, bridge: Bridge) -> None:
@@ -324,8 +326,8 @@ def sensors(s: Sheet, p: Pins) -> None:
         y = top + 24
         for pin, name, lane in signals:
             path = [(UNO_RIGHT, right_y(pin)), (lane, right_y(pin)), (lane, y), (SENSORS_X, y)]
-            where = f"{title.lower()} {name}"
-            s.wire(kind, (f"Uno {pin}", where), path, (1086, y), pin)
+            place = f"{title.lower()} {name}"
+            s.wire(kind, (f"Uno {pin}", place), path, (1086, y), pin)
             s.pin(SENSORS_X, y)
             s.text(SENSORS_X + 10, y + 4.5, name, 13, "start")
             y += 26

@@ -33,8 +33,8 @@ def by_scipy(evaluate, theta, low, high, *, fixed, tolerance, most, damping):
         return np.clip(full, low, high)
 
     def cost_and_gradient(x):
-        here = evaluate(at(x))
-        return here.cost, here.gradient[moving] * unit[moving]
+        evaluation = evaluate(at(x))
+        return evaluation.cost, evaluation.gradient[moving] * unit[moving]
 
     bounds = [(a / u, b / u) for a, b, u, m in zip(low, high, unit, moving, strict=True) if m]
     solution = minimize(

@@ -73,9 +73,9 @@ def words_in(path: Path) -> Iterator[str]:
             words += [
                 key.value for key in node.keywords if node.func.id == "parameter" and key.arg in OF_PARAMETERS
             ]
-            for one in (text for word in words for text in getattr(word, "elts", [word])):
-                if isinstance(one, ast.Constant) and one.value:
-                    yield from filled(one.value)
+            for element in (text for word in words for text in getattr(word, "elts", [word])):
+                if isinstance(element, ast.Constant) and element.value:
+                    yield from filled(element.value)
 
 
 def filled(words: str) -> list[str]:
@@ -150,15 +150,15 @@ def faults(catalogue: Catalog) -> list[str]:
     return failures
 
 
-def differs(english: str | tuple[str, ...], other: str | tuple[str, ...]) -> str | None:
+def differs(english: str | tuple[str, ...], translation: str | tuple[str, ...]) -> str | None:
     """Return the placeholders, or the code, of both where they are not the same; None where they are."""
     if isinstance(english, tuple):
-        pairs = zip(english, other, strict=True)
+        pairs = zip(english, translation, strict=True)
         return next((broken for pair in pairs if (broken := differs(*pair)) is not None), None)
     for fields_of in (fields, code):
-        ours, theirs = fields_of(english), fields_of(other)
-        if ours != theirs:
-            return f"{sorted(ours)} and {sorted(theirs)}"
+        source_fields, translated_fields = fields_of(english), fields_of(translation)
+        if source_fields != translated_fields:
+            return f"{sorted(source_fields)} and {sorted(translated_fields)}"
     return None
 
 
@@ -186,8 +186,8 @@ def fields(template: str) -> set[str]:
 
 
 if __name__ == "__main__":
-    for one in LANGUAGES:
-        if one != "en":
-            faulty = faults(update(one))
-            print(f"{places(one)[0]}: {len(faulty)} to do", *faulty, sep="\n  ")
+    for language in LANGUAGES:
+        if language != "en":
+            faulty = faults(update(language))
+            print(f"{places(language)[0]}: {len(faulty)} to do", *faulty, sep="\n  ")
             sys.exit(bool(faulty))

@@ -15,10 +15,10 @@ def of_code(code: str, **figures: Any) -> Callable[[Any], bool]:
     return lambda error: error.diagnostic.code == code and figures.items() <= error.diagnostic.figures.items()
 
 
-def within(why: Diagnostic) -> Iterator[Diagnostic]:
+def within(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
     """A diagnostic, and its causes."""
-    yield why
-    for figure in why.figures.values():
+    yield diagnostic
+    for figure in diagnostic.figures.values():
         if isinstance(figure, Diagnostic):
             yield from within(figure)
 

@@ -105,8 +105,8 @@ def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
     )
     driven = reply("repeat", "ñandú")["rows"][0]
     assert driven["across_true_rms_m"] < 0.1
-    first, again = reply("replay", "last")["rows"]
-    assert again["ate_m"] == first["ate_m"], "replay on the same back end is exact"
+    first, second = reply("replay", "last")["rows"]
+    assert second["ate_m"] == first["ate_m"], "replay on the same back end is exact"
     laptop("report", "last", "-o", "página.html")
     assert "página" in next(laptop.home.glob("*.html")).name
     assert b"backend python" in laptop("runs", "show", "last").stdout
@@ -207,7 +207,7 @@ def test_a_file_of_ours_says_its_encoding_and_does_not_name_posix_modules_at_imp
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in tree.body:
-            names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
             posix = {name.split(".")[0] for name in names} & {*MISSING, "pty", "tty", "syslog"}
             assert not posix or "robot" in path.parts or "by_hand" in path.parts, f"{path}: {posix}"
@@ -224,7 +224,9 @@ def reads_text(call: ast.Call) -> bool:
     plain = isinstance(call.func, ast.Name) and call.func.id == "open"
     if plain or (name == "open" and ast.unparse(call.func) != "tarfile.open"):
         modes = [
-            one.value for one in call.args if isinstance(one, ast.Constant) and isinstance(one.value, str)
+            argument.value
+            for argument in call.args
+            if isinstance(argument, ast.Constant) and isinstance(argument.value, str)
         ]
         modes += [key.value.value for key in call.keywords if key.arg == "mode"]  # type: ignore[attr-defined]
         return bool(modes) and all(set(mode) <= set("rwxat+") for mode in modes[-1:])
@@ -246,8 +248,12 @@ def test_the_public_service_tests_three_systems_and_both_ends_of_python():
     fast = file["jobs"]["fast"]
     assert set(fast["strategy"]["matrix"]["os"]) == {"ubuntu-latest", "windows-latest", "macos-latest"}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    ours = [one.rpartition(":: ")[2] for one in project["classifiers"] if "Python :: 3." in one]
-    ends = [ours[0], ours[-1]]
+    versions = [
+        classifier.rpartition(":: ")[2]
+        for classifier in project["classifiers"]
+        if "Python :: 3." in classifier
+    ]
+    ends = [versions[0], versions[-1]]
     assert all(job["strategy"]["matrix"]["python"] == ends for job in (fast, file["jobs"]["all"]))
 
 

@@ -89,8 +89,8 @@ def test_the_page_on_python_names_every_name_and_every_drawing(page):
 
 def options_of(command):
     """All options of a verb and of the verbs below it."""
-    own = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
-    return own.union(*(options_of(one) for one in getattr(command, "commands", {}).values()))
+    own = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
+    return own.union(*(options_of(subcommand) for subcommand in getattr(command, "commands", {}).values()))
 
 
 PAGES = (
@@ -176,14 +176,14 @@ def anchors(page):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_the_links_of_a_page_lead_somewhere(page):
-    here = ROOT / page
-    for link in re.findall(r"\]\(([^)\s]+)\)", here.read_text(encoding="utf-8")):
+    page_file = ROOT / page
+    for link in re.findall(r"\]\(([^)\s]+)\)", page_file.read_text(encoding="utf-8")):
         if link.startswith("http"):
             continue
         path, _, anchor = link.partition("#")
-        there = (here.parent / path).resolve() if path else here
-        assert there.exists(), f"{page}: there is no {link}"
-        assert not anchor or anchor in anchors(there), f"{page}: {there.name} has no heading {anchor}"
+        target = (page_file.parent / path).resolve() if path else page_file
+        assert target.exists(), f"{page}: there is no {link}"
+        assert not anchor or anchor in anchors(target), f"{page}: {target.name} has no heading {anchor}"
 
 
 def test_the_glossary_is_sorted_and_leads_to_pages_that_exist():

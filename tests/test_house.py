@@ -99,7 +99,7 @@ def blocks_in(paths: Iterable[Path]) -> set[str]:
         for node in nodes_of(path)[0].body
         if isinstance(node, ast.ClassDef)
         and "Protocol" not in [getattr(base, "id", "") for base in node.bases]
-        and {"init", "step"} <= {one.name for one in node.body if isinstance(one, FUNCTIONS)}
+        and {"init", "step"} <= {member.name for member in node.body if isinstance(member, FUNCTIONS)}
     }
 
 
@@ -183,7 +183,7 @@ def test_no_kind_of_ours_is_distinguished_outside_its_room(room):
         if path.parent != SOURCE / room
         for node in nodes_of(path)
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance"
-        and {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)} & kinds
+        and {name_node.id for name_node in ast.walk(node.args[1]) if isinstance(name_node, ast.Name)} & kinds
     ]  # fmt: skip
     assert not offenders, offenders
 
@@ -220,7 +220,9 @@ def test_whatever_is_public_says_what_it_is():
         for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 members[node.name] = {
-                    one.name for one in node.body if isinstance(one, FUNCTIONS) and ast.get_docstring(one)
+                    member.name
+                    for member in node.body
+                    if isinstance(member, FUNCTIONS) and ast.get_docstring(member)
                 }
     for path in SOURCE.rglob("*.py"):
         tree = nodes_of(path)[0]
@@ -236,8 +238,8 @@ def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], members
         if not isinstance(node, (*FUNCTIONS, ast.ClassDef)) or node.name.startswith("_"):
             continue
         verb = any(
-            isinstance(one, ast.Call) and any(key.arg == "help" for key in one.keywords)
-            for one in node.decorator_list
+            isinstance(decorator, ast.Call) and any(key.arg == "help" for key in decorator.keywords)
+            for decorator in node.decorator_list
         )
         if not (verb or node.name in inherited or ast.get_docstring(node)):
             yield prefix + node.name
@@ -253,7 +255,8 @@ def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
         for path in SOURCE.rglob("*.py")
         for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
-        and {"table", "verdict"} <= (methods := {one.name for one in node.body if isinstance(one, FUNCTIONS)})
+        and {"table", "verdict"}
+        <= (methods := {member.name for member in node.body if isinstance(member, FUNCTIONS)})
         and "rows" not in methods
     ]
     assert not mute, f"--json asks for rows(): {mute}"

@@ -12,7 +12,7 @@ from baqueano.language import LANGUAGES, current, number, translated
 from baqueano.messages import text
 from tests.catalogues import compiled, differs, faults, places, read
 
-OTHERS = [one for one in LANGUAGES if one != "en"]
+OTHERS = [language for language in LANGUAGES if language != "en"]
 
 
 @pytest.fixture(autouse=True)
@@ -23,18 +23,19 @@ def _undone(monkeypatch):
     language.choose("")
 
 
-@pytest.mark.parametrize("other", OTHERS)
-def test_a_catalogue_is_complete_and_compiled(other):
-    catalogue = read(other)
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_catalogue_is_complete_and_compiled(language):
+    catalogue = read(language)
     assert not faults(catalogue), "type: make catalogues, and translate what it lists"
-    assert places(other)[1].read_bytes() == compiled(catalogue), "type: make catalogues"
+    assert places(language)[1].read_bytes() == compiled(catalogue), "type: make catalogues"
 
 
 @pytest.mark.parametrize(
-    ("english", "other"), [("{x:.1f} m", "{y:.1f} m"), ("{arg[use]:{sensor}}", "{arg[use]}"), ("{a}", "a")]
+    ("english", "translation"),
+    [("{x:.1f} m", "{y:.1f} m"), ("{arg[use]:{sensor}}", "{arg[use]}"), ("{a}", "a")],
 )
-def test_other_placeholders_are_named(english, other):
-    assert differs(english, other)
+def test_other_placeholders_are_named(english, translation):
+    assert differs(english, translation)
     assert differs(english, english) is None
 
 

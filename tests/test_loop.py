@@ -87,17 +87,17 @@ def test_the_command_of_one_tick_is_in_force_in_the_next():
 def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
     blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
     records, _, _ = drive(blocks, duration_s=0.5 if backend == "numpy" else 4.0)
-    world, again = replayed(records), []
-    loop.run(blocks, world, world.times, again.append)
-    assert len(again) == len(records)
-    assert all(identical(a, b) for a, b in zip(records, again, strict=True))
+    world, replayed_records = replayed(records), []
+    loop.run(blocks, world, world.times, replayed_records.append)
+    assert len(replayed_records) == len(records)
+    assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
 
 def test_replay_does_not_depend_on_how_the_ticks_were_bundled():
     records, _, _ = drive(duration_s=1.0)
-    world, again = replayed(records), []
-    loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], again.append)
-    assert all(identical(a, b) for a, b in zip(records, again, strict=True))
+    world, replayed_records = replayed(records), []
+    loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], replayed_records.append)
+    assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
 
 def test_the_pure_step_is_the_clocked_loop():
@@ -194,7 +194,7 @@ FAILING_LINE = next(
 
 
 @pytest.mark.parametrize(
-    ("how", "figures"),
+    ("failure", "figures"),
     [
         ("raises", {"error": "ZeroDivisionError: float division by zero"}),
         ("shape", {"found": "Command.u with shape (2,)", "expected": "(3,)"}),
@@ -206,10 +206,12 @@ FAILING_LINE = next(
         ("three", {"found": "a tuple of 3", "expected": "(state, output)"}),
     ],
 )
-def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, figures):
+def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(failure, figures):
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
-    records, events, outcome = drive(BLOCKS._replace(controller=Failing(how)), duration_s=9.0, world=world)
-    raised = how == "raises"
+    records, events, outcome = drive(
+        BLOCKS._replace(controller=Failing(failure)), duration_s=9.0, world=world
+    )
+    raised = failure == "raises"
     assert outcome.stopped.code == (StopReason.BLOCK_RAISED if raised else StopReason.BLOCK_RETURNED)
     assert outcome.stopped.figures.items() >= figures.items()
     block = outcome.stopped.figures["block"]

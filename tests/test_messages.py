@@ -53,7 +53,7 @@ def named(node):
 def prose(node, constants):
     """Return whether a literal, or a constant of the module, has two words in a row."""
     if isinstance(node, ast.Tuple | ast.List | ast.Set):
-        return any(prose(one, constants) for one in node.elts)
+        return any(prose(element, constants) for element in node.elts)
     if isinstance(node, ast.Name):
         return node.id in constants - LISTS_OF_NAMES
     if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
@@ -252,6 +252,6 @@ def test_a_code_of_another_version_is_shown_with_its_figures_and_never_raises():
 
 
 def test_an_error_carries_its_diagnostic_over_the_door():
-    why = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
-    error = of_code(SafetyStop.exit_code, why)
-    assert (type(error), error.diagnostic, str(error)) == (SafetyStop, why, text(why))
+    reason = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
+    error = of_code(SafetyStop.exit_code, reason)
+    assert (type(error), error.diagnostic, str(error)) == (SafetyStop, reason, text(reason))

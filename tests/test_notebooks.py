@@ -26,17 +26,17 @@ def executed(tmp_path_factory):
 
 def shown(notebook, kind):
     return [
-        one.data[kind]
+        output.data[kind]
         for cell in notebook.cells
-        for one in cell.get("outputs", [])
-        if kind in one.get("data", {})
+        for output in cell.get("outputs", [])
+        if kind in output.get("data", {})
     ]
 
 
 def test_the_notebook_of_a_new_project_runs_and_says_nothing_beside(executed):
     _, notebook = executed
-    outputs = [one for cell in notebook.cells for one in cell.get("outputs", [])]
-    assert {one.output_type for one in outputs} <= {"execute_result", "display_data"}
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert {output.output_type for output in outputs} <= {"execute_result", "display_data"}
 
 
 def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed):

@@ -24,11 +24,13 @@ def read_by_a_type_checker(path: Path) -> dict[str, tuple[str, str]]:
     """Name → (module, its name there), of the imports under `if TYPE_CHECKING`."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     branches = [
-        one for one in tree.body if isinstance(one, ast.If) and ast.unparse(one.test) == "TYPE_CHECKING"
+        branch_node
+        for branch_node in tree.body
+        if isinstance(branch_node, ast.If) and ast.unparse(branch_node.test) == "TYPE_CHECKING"
     ]
-    imports = [one for branch in branches for one in branch.body if isinstance(one, ast.ImportFrom)]
+    imports = [node for branch in branches for node in branch.body if isinstance(node, ast.ImportFrom)]
     return {
-        alias.asname or alias.name: (str(one.module), alias.name) for one in imports for alias in one.names
+        alias.asname or alias.name: (str(node.module), alias.name) for node in imports for alias in node.names
     }
 
 
@@ -42,15 +44,15 @@ def test_a_name_on_demand_is_that_of_its_module(path):
     package = package_of(path)
     modules = read_by_a_type_checker(path)
     assert modules
-    for name, (module, there) in modules.items():
+    for name, (module, exported) in modules.items():
         room = import_module(f"baqueano.{name}") if module == "baqueano" else None
-        assert getattr(package, name) is (room or getattr(import_module(module), there))
+        assert getattr(package, name) is (room or getattr(import_module(module), exported))
     assert all(hasattr(package, name) for name in package.__all__)
 
 
 @pytest.mark.parametrize("path", PACKAGES[1:], ids=lambda path: path.parent.name)
 def test_no_name_on_demand_is_hidden_by_a_submodule(path):
-    assert not {one.stem for one in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
+    assert not {entry.stem for entry in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
 
 
 def test_a_name_that_no_module_holds_is_not_an_attribute():

@@ -43,8 +43,8 @@ def test_no_text_in_json_does(data):
         if isinstance(value, dict):
             yield from value
             value = list(value.values())
-        for one in value if isinstance(value, list) else ():
-            yield from texts(one)
+        for element in value if isinstance(value, list) else ():
+            yield from texts(element)
         if isinstance(value, str):
             yield value
 

@@ -30,7 +30,7 @@ def blocks(page):
 
 def without_comments(text):
     """Return what a machine reads."""
-    return [line for line in (re.sub(r"(^|\s+)#.*", "", one).rstrip() for one in text.splitlines()) if line]
+    return [line for line in (re.sub(r"(^|\s+)#.*", "", line).rstrip() for line in text.splitlines()) if line]
 
 
 def headings(page):
@@ -45,9 +45,9 @@ def test_every_page_for_students_exists_in_both_languages():
 
 @pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
 def test_a_page_has_the_same_code_and_the_same_parts_in_both_languages(name):
-    ours, theirs = DOCS / f"{name}.md", SPANISH / f"{name}.md"
-    assert blocks(theirs) == blocks(ours)
-    assert headings(theirs) == headings(ours)
+    english, spanish = DOCS / f"{name}.md", SPANISH / f"{name}.md"
+    assert blocks(spanish) == blocks(english)
+    assert headings(spanish) == headings(english)
 
 
 @pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
@@ -56,9 +56,9 @@ def test_a_spanish_page_leads_to_spanish_pages_and_has_decimal_commas(name):
     for link in re.findall(r"\]\(([^)\s#]+)[^)\s]*\)", text):
         if link.startswith("http"):
             continue
-        there = (SPANISH / link).resolve()
-        assert there.exists(), link
-        spanish = there.parent == DOCS and there.stem in FOR_STUDENTS
+        target = (SPANISH / link).resolve()
+        assert target.exists(), link
+        spanish = target.parent == DOCS and target.stem in FOR_STUDENTS
         assert not spanish, f"{link}: this page exists in Spanish"
     prose = re.sub(r"^```.*?^```$|`[^`\n]*`|\]\([^)]*\)|\[[^\]]*\]", "", text, flags=re.M | re.S)
     assert not re.findall(
@@ -75,9 +75,9 @@ def test_the_glossaries_have_the_same_terms():
             if line.startswith("| ")
         ]
 
-    ours, theirs = rows(DOCS / "glossary.md")[1:], rows(SPANISH / "glossary.md")[1:]
-    assert {(row[0], row[1]) for row in ours} == {(row[1], row[0]) for row in theirs}
-    terms = [row[0].lower() for row in theirs]
+    english, spanish = rows(DOCS / "glossary.md")[1:], rows(SPANISH / "glossary.md")[1:]
+    assert {(row[0], row[1]) for row in english} == {(row[1], row[0]) for row in spanish}
+    terms = [row[0].lower() for row in spanish]
     assert terms == sorted(terms, key=lambda word: word.translate(str.maketrans("áéíóúñ", "aeioun")))
 
 
@@ -124,7 +124,7 @@ def test_the_site_needs_no_network_and_no_link_is_dead(site):
     assert len(pages) > 40
     for page in pages:
         read = parsed(page)
-        assert not [one for one in read.fetched if re.match(r"(https?:)?//", one)], page
+        assert not [address for address in read.fetched if re.match(r"(https?:)?//", address)], page
         for link in (*read.fetched, *read.links):
             path = re.sub(r"[#?].*", "", link)
             if path and not re.match(r"[a-z]+:", path):

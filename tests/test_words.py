@@ -19,7 +19,7 @@ DEFINED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 def test_a_message_is_plain():
     for code, template in templates().items():
         bare = re.sub(r"\{[^{}]*\}", "x", template)
-        long = [one for one in re.split(r"[.;:!?] ", bare) if len(one.split()) > WORDS]
+        long = [sentence for sentence in re.split(r"[.;:!?] ", bare) if len(sentence.split()) > WORDS]
         assert not long, f"{code}: over {WORDS} words: {long}"
         assert not NEGATION.search(bare), f'{code}: say "is not a", "does not exist": {template}'
         assert not SAYING.search(bare), (
@@ -54,17 +54,21 @@ def sentences_of(page: str) -> list[str]:
     text = re.sub(r"!?\[[^\]]*\]\([^)]*\)|`[^`\n]*`", "x", text)
     parts = re.split(r"\n\s*\n|\n(?=\s*[-*#\d]+[. ])|\||^#.*$", text, flags=re.MULTILINE)
     pieces = [
-        one for part in parts for one in re.split(r"(?<=[.;:!?])[\s*)\"]+|[()]", " ".join(part.split()))
+        sentence
+        for part in parts
+        for sentence in re.split(r"(?<=[.;:!?])[\s*)\"]+|[()]", " ".join(part.split()))
     ]
-    return [one.strip() for one in pieces if one.strip()]
+    return [sentence.strip() for sentence in pieces if sentence.strip()]
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_is_plain(page):
     sentences = sentences_of((DOCS / page).read_text(encoding="utf-8"))
-    long = [one for one in sentences if len(SINGLE.findall(one)) > WORDS]
+    long = [sentence for sentence in sentences if len(SINGLE.findall(sentence)) > WORDS]
     assert not long, f"over {WORDS} words: {long}"
-    assert not [one for one in sentences if NEGATION.search(one)], 'say "is not a", "does not exist"'
+    assert not [sentence for sentence in sentences if NEGATION.search(sentence)], (
+        'say "is not a", "does not exist"'
+    )
 
 
 def nodes():
@@ -99,7 +103,9 @@ def sentences(docstring: str) -> list[str]:
         for line in docstring.split("\n")
     ]
     paragraphs = (part.replace("\n", " ") for part in "\n".join(lines).split("\n\n"))
-    return [one for part in paragraphs for one in re.split(r"(?<=[.;:!?]) +", part.strip()) if one]
+    return [
+        sentence for part in paragraphs for sentence in re.split(r"(?<=[.;:!?]) +", part.strip()) if sentence
+    ]
 
 
 def test_a_docstring_is_plain():
@@ -107,11 +113,11 @@ def test_a_docstring_is_plain():
     for file, node in nodes():
         if not isinstance(node, DEFINED):
             continue
-        for one in sentences(ast.get_docstring(node) or ""):
-            if NO_SUBJECT.search(one):
-                negated.append(f"{file}: {one}")
-            if len(one.split()) > WORDS and not EQUATION.search(one):
-                long.append(f"{file}: {one}")
+        for sentence in sentences(ast.get_docstring(node) or ""):
+            if NO_SUBJECT.search(sentence):
+                negated.append(f"{file}: {sentence}")
+            if len(sentence.split()) > WORDS and not EQUATION.search(sentence):
+                long.append(f"{file}: {sentence}")
     assert not long, f"over {WORDS} words: {long}"
     assert not negated, f"a subject and a verb: {negated}"
 
@@ -160,11 +166,11 @@ TERMS = {"Unscented", "Field", "Feed", "Screen"}  # of the field, and nouns that
 
 
 def test_a_class_is_called_by_a_noun():
-    alone = {
+    participles = {
         f"{file}: {node.name}"
         for file, node in nodes()
         if isinstance(node, ast.ClassDef)
         and PARTICIPLE.fullmatch(node.name)
         and node.name.lstrip("_") not in TERMS
     }
-    assert not alone, f"a participle is not a noun: {alone}"
+    assert not participles, f"a participle is not a noun: {participles}"

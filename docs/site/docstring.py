@@ -36,7 +36,7 @@ def _entries(lines: list[str]) -> Iterator[str]:
     """Return a list of what a section names: `name : type`, then its description, set in."""
     name, content = "", list[str]()
 
-    def one() -> Iterator[str]:
+    def entry() -> Iterator[str]:
         if name:
             words, _, kind = name.partition(" : ")
             head = f"`{words.strip()}`" + (f", {escaped(kind.strip())}" if kind else "")
@@ -45,11 +45,11 @@ def _entries(lines: list[str]) -> Iterator[str]:
 
     for line in lines:
         if line.strip() and line[0] != " ":
-            yield from one()
+            yield from entry()
             name, content = line, []
         else:
             content.append(line)
-    yield from one()
+    yield from entry()
     yield ""
 
 

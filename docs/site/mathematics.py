@@ -31,8 +31,8 @@ def mathml(tex: str, block: bool, place: Any = None) -> str:
         return f"<code>{html.escape(tex)}</code>"
     if not block:
         return drawn
-    beside = f'<span class="eqno">({html.escape(number.group(1))})</span>' if number else ""
-    return f'<div class="equation">{beside}{drawn}</div>'
+    equation_number = f'<span class="eqno">({html.escape(number.group(1))})</span>' if number else ""
+    return f'<div class="equation">{equation_number}{drawn}</div>'
 
 
 def _inline(writer: Any, node: Any) -> None:

@@ -94,21 +94,21 @@ class Edition:
         if re.match(r"[a-z]+:|#", target):
             return match.group()
         file, _, anchor = target.partition("#")
-        there = (path.parent / file).resolve()
-        here = next(name for name, source in self.sources.items() if source == path)
-        up = "../" * here.count("/")
+        target_file = (path.parent / file).resolve()
+        own_name = next(name for name, source in self.sources.items() if source == path)
+        up = "../" * own_name.count("/")
         anchor = f"#{anchor}" if anchor else ""
-        if page := self._page(there):
+        if page := self._page(target_file):
             return f"[{label}]({up}{page}.md{anchor})"
-        if self.language == "es" and (page := Edition("en")._page(there)):
+        if self.language == "es" and (page := Edition("en")._page(target_file)):
             return f"[{label}](en:{page}.html{anchor})"
-        if there.is_dir():
+        if target_file.is_dir():
             return label
-        if not there.is_file():
+        if not target_file.is_file():
             return match.group()  # Sphinx names it
-        copy = there.relative_to(ROOT).as_posix()
+        copy = target_file.relative_to(ROOT).as_posix()
         (folder / "files" / copy).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(there, folder / "files" / copy)
+        shutil.copy(target_file, folder / "files" / copy)
         return f"{image}[{label}]({up}files/{copy})"
 
     def _page(self, file: Path) -> str | None:

@@ -70,8 +70,8 @@ def _page(name: str, about: str, described: dict[int, str]) -> str:
         if inspect.ismodule(thing):
             parts.append(f"`{word}`: [its page]({_file(thing.__name__)}.md)\n")
         elif id(thing) in described and callable(thing):
-            there = described[id(thing)]
-            parts.append(f"`{word}`: see {{py:obj}}`{there}`\n")
+            target_name = described[id(thing)]
+            parts.append(f"`{word}`: see {{py:obj}}`{target_name}`\n")
         elif callable(thing):
             described[id(thing)] = f"{name}.{word}"
             parts.append(_entry(f"{name}.{word}", thing))
@@ -118,18 +118,18 @@ def signature(thing: Any, method: bool = False) -> str:
     except (TypeError, ValueError):
         return "()"
     words, starred = [], False
-    for k, one in enumerate(signature_of.parameters.values()):
-        if method and k == 0 and one.name in ("self", "cls"):
+    for k, parameter in enumerate(signature_of.parameters.values()):
+        if method and k == 0 and parameter.name in ("self", "cls"):
             continue
-        if one.kind is one.KEYWORD_ONLY and not starred:
+        if parameter.kind is parameter.KEYWORD_ONLY and not starred:
             words.append("*")
-        starred = starred or one.kind in (one.KEYWORD_ONLY, one.VAR_POSITIONAL)
-        mark = {one.VAR_POSITIONAL: "*", one.VAR_KEYWORD: "**"}.get(one.kind, "")
-        text = f"{mark}{one.name}"
-        if kind := _type(one.annotation):
+        starred = starred or parameter.kind in (parameter.KEYWORD_ONLY, parameter.VAR_POSITIONAL)
+        mark = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+        text = f"{mark}{parameter.name}"
+        if kind := _type(parameter.annotation):
             text += f": {kind}"
-        if one.default is not one.empty:
-            text += f" = {_default(one.default)}"
+        if parameter.default is not parameter.empty:
+            text += f" = {_default(parameter.default)}"
         words.append(text)
     kind = _type(signature_of.return_annotation)
     return f"({', '.join(words)})" + (f" -> {kind}" if kind and not inspect.isclass(thing) else "")
@@ -153,9 +153,9 @@ def _parameters(thing: Any) -> Iterator[str]:
     if not dataclasses.is_dataclass(thing):
         return
     rows = [
-        f"| `{field.name}` | {one.unit.replace('|', '')} | {markdown(one.meaning).strip()} |"
+        f"| `{field.name}` | {parameter.unit.replace('|', '')} | {markdown(parameter.meaning).strip()} |"
         for field in dataclasses.fields(thing)
-        if (one := field.metadata.get("parameter")) is not None
+        if (parameter := field.metadata.get("parameter")) is not None
     ]
     if rows:
         yield "\n".join(["", "| parameter | unit | meaning |", "|---|---|---|", *rows, ""])

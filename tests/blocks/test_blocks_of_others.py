@@ -65,11 +65,11 @@ def run_that_names(kind: str, path: Path) -> Path:
 
 
 def causes(error: FileError) -> list[str]:
-    causes, left = [], [error.diagnostic]
-    while left:
-        one = left.pop()
-        causes.append(one.code)
-        left += [figure for figure in one.figures.values() if hasattr(figure, "code")]
+    causes, remaining = [], [error.diagnostic]
+    while remaining:
+        diagnostic = remaining.pop()
+        causes.append(diagnostic.code)
+        remaining += [figure for figure in diagnostic.figures.values() if hasattr(figure, "code")]
     return causes
 
 
@@ -87,13 +87,15 @@ def test_a_vehicle_file_below_the_folder_of_the_user_may_name_text_of_that_folde
 
 @pytest.mark.parametrize("way", ["absolute", "upwards", "where the user stands", "by a link"])
 def test_a_vehicle_file_that_names_text_from_elsewhere_is_asked_for(tmp_path, mark, monkeypatch, way):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     home = tmp_path / "lab"
-    kind = {"absolute": f"{theirs}:Mine", "upwards": "../elsewhere/theirs.py:Mine"}.get(way, "theirs.py:Mine")
+    kind = {"absolute": f"{outside_file}:Mine", "upwards": "../elsewhere/theirs.py:Mine"}.get(
+        way, "theirs.py:Mine"
+    )
     file = vehicle_at(home / "vehicle.toml", kind)
-    monkeypatch.chdir(home if way != "where the user stands" else theirs.parent)
+    monkeypatch.chdir(home if way != "where the user stands" else outside_file.parent)
     if way == "by a link":
-        (home / "theirs.py").symlink_to(theirs)
+        (home / "theirs.py").symlink_to(outside_file)
     with pytest.raises(FileError) as refused:
         load(file)
     assert "block.elsewhere" in causes(refused.value)
@@ -103,8 +105,8 @@ def test_a_vehicle_file_that_names_text_from_elsewhere_is_asked_for(tmp_path, ma
 
 
 def test_a_file_without_its_class_is_not_executed_to_list_its_classes(tmp_path, mark, monkeypatch):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
-    file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(theirs))
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(outside_file))
     monkeypatch.chdir(file.parent)
     with pytest.raises(FileError) as refused:
         load(file)
@@ -134,12 +136,12 @@ def test_the_own_vehicle_file_of_the_folder_answers_for_its_blocks(tmp_path, mar
     "kind", ["{theirs}:Mine", "../elsewhere/theirs.py:Mine", "~/theirs.py:Mine", "~/no.py:Mine"]
 )
 def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, monkeypatch, kind):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
-    monkeypatch.setenv("HOME", str(theirs.parent))
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    monkeypatch.setenv("HOME", str(outside_file.parent))
     lab = tmp_path / "lab"
-    run = read_run(run_that_names(kind.format(theirs=theirs), lab / "sent.mcap"))
+    run = read_run(run_that_names(kind.format(theirs=outside_file), lab / "sent.mcap"))
     monkeypatch.chdir(lab)
-    blocks.read(str(theirs))  # even where the user has executed it
+    blocks.read(str(outside_file))  # even where the user has executed it
     mark.unlink()
     with pytest.raises(FileError) as refused:
         replay(run, allow_blocks=True)
@@ -151,8 +153,8 @@ def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, m
 def test_models_and_sensors_out_of_a_run_are_asked_for_too(tmp_path, mark, table):
     text_at(tmp_path / "mine.py", mark)
     run = read_run(run_that_names("pd_feedforward", tmp_path / "sent.mcap"))
-    ours = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
-    object.__setattr__(run, "vehicle_text", run.vehicle_text.replace(ours, 'kind = "mine.py:Mine"'))
+    kind_line = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
+    object.__setattr__(run, "vehicle_text", run.vehicle_text.replace(kind_line, 'kind = "mine.py:Mine"'))
     with pytest.raises(FileError) as refused:
         vehicle_of(run)
     assert "block.in-run" in causes(refused.value)
@@ -160,13 +162,13 @@ def test_models_and_sensors_out_of_a_run_are_asked_for_too(tmp_path, mark, table
 
 
 def test_what_the_user_types_is_executed(tmp_path, mark):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
-    load("small").controller(f"{theirs}:Mine")
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    load("small").controller(f"{outside_file}:Mine")
     assert mark.exists()
     mark.unlink()
     blocks._trusted.clear()
     blocks._loaded.clear()
-    override(load("small"), [f"controller.kind={theirs}:Mine"]).controller()
+    override(load("small"), [f"controller.kind={outside_file}:Mine"]).controller()
     assert mark.exists()
 
 
@@ -211,5 +213,5 @@ def test_a_vehicle_text_without_its_checksum_is_not_believed(tmp_path, checksum)
     path.write_bytes(data)
     run = read_run(path)
     assert run.vehicle_text == ""
-    assert "run.vehicle-file-lost" in [one.code for one in run.notes]
+    assert "run.vehicle-file-lost" in [note.code for note in run.notes]
     assert len(run.t_ns) == 6, "the rest is whole"

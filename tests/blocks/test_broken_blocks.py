@@ -290,12 +290,12 @@ def test_id12_what_the_author_reads(tmp_path, case):
     assert GOOD[room].count(old) >= 1
     findings = findings_about(tmp_path, room, GOOD[room].replace(old, new, 1))
     for code, figures in expected:
-        alike = [one for one in findings if one.code == code]
-        assert any(figures.items() <= figures_of(one).items() for one in alike), findings
-    assert all(one.figures["place"].startswith("mine.py line ") for one in findings)
+        alike = [finding for finding in findings if finding.code == code]
+        assert any(figures.items() <= figures_of(finding).items() for finding in alike), findings
+    assert all(finding.figures["place"].startswith("mine.py line ") for finding in findings)
 
 
-def figures_of(one):
+def figures_of(diagnostic):
     """The figures with the subject, of a cause its code."""
-    codes = {name: getattr(value, "code", value) for name, value in one.figures.items()}
-    return codes | {"subject": one.subject}
+    codes = {name: getattr(value, "code", value) for name, value in diagnostic.figures.items()}
+    return codes | {"subject": diagnostic.subject}

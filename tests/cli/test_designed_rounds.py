@@ -38,9 +38,9 @@ def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick
     paths = sorted((tmp_path / "runs").iterdir())
     assert len(paths) == 2
     assert all(read_run(path).duration_s == pytest.approx(8.0, abs=0.02) for path in paths)
-    again = baqueano("identify", "1", "2", "--free", NAME, "--no-noise", "--json")
-    assert again.code == 0, again.err
-    (row,) = again.reply["rows"]
+    second = baqueano("identify", "1", "2", "--free", NAME, "--no-noise", "--json")
+    assert second.code == 0, second.err
+    (row,) = second.reply["rows"]
     assert row["estimate"] == pytest.approx(estimate, rel=0.02)
 
 

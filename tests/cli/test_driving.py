@@ -107,13 +107,13 @@ class Terminal:
 def terminal(tmp_path):
     made = []
 
-    def make(*words, **how):
-        made.append(Terminal(tmp_path, *words, **how))
+    def make(*words, **options):
+        made.append(Terminal(tmp_path, *words, **options))
         return made[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for terminal in made:
+        terminal.close()
 
 
 def moving(run):
@@ -232,7 +232,7 @@ def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
 
 def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
-    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **how: run)
+    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **options: run)
     end = baqueano("drive", "--vehicle", "small", "--json")
     assert "type: --set sensors.imu.gyro_scale=0.9" in end.err
     (row,) = end.reply["rows"]
@@ -246,7 +246,7 @@ def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano
 def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
-        "baqueano.cli.driving.drive.by_hand", lambda *args, **how: replace(run, events=run.events[-1:])
+        "baqueano.cli.driving.drive.by_hand", lambda *args, **options: replace(run, events=run.events[-1:])
     )
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 

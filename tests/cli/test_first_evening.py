@@ -162,12 +162,12 @@ def test_a_vehicle_that_was_measured_begins_a_project_without_being_called_a_gue
 
 
 def test_the_simulation_of_a_project_of_ones_own_vehicle_is_not_its_guess(baqueano, tmp_path):
-    mine = load("small").with_values({"model.mass_kg": 0.7})
-    mine.save(tmp_path / "mine.toml")
+    real = load("small").with_values({"model.mass_kg": 0.7})
+    real.save(tmp_path / "mine.toml")
     assert baqueano("new", "mylab", "--vehicle", "mine.toml").code == 0
     project = load(tmp_path / "mylab" / "vehicle.toml")
     key = "model.friction.linear"
-    assert project.value(key).tolist() == mine.value(key).tolist()
+    assert project.value(key).tolist() == real.value(key).tolist()
     ratio = project.truth.value(key) / project.value(key)
     assert ((ratio > 0.5) & (ratio < 2.0) & (abs(ratio - 1.0) > 1e-3)).all()
     assert project.truth.value("model.mass_kg") == 0.7, "a scale tells it"
@@ -205,5 +205,5 @@ def test_who_compares_a_run_without_an_estimate_is_reported_how_to_make_one(baqu
     assert end.code == 0
     line = "baqueano replay runs/0001-simulation.mcap"  # the run holds its vehicle file
     assert end.err.replace("\\", "/").endswith(f": {line}\n")
-    again = baqueano(*line.split()[1:])
-    assert again.code == 0, again.err
+    second = baqueano(*line.split()[1:])
+    assert second.code == 0, second.err

@@ -84,9 +84,9 @@ def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, t
         "FILE",
         "--update",
     ]
-    for given, left in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
+    for given, names in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
         assert baqueano("runs", "import", "rover.toml", given, "-o", "trials").code == 0
-        assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == left
+        assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == names
     assert baqueano("runs", "import", "rover.toml", "first.csv", "-o", "here.mcap").code == 0
     assert (tmp_path / "here.mcap").is_file()
 

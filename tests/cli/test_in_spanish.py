@@ -83,7 +83,7 @@ def strange(words: str) -> str:
     '{laps} ʟαρѕ'
     """
     parts = FIELD.split(words)
-    return "".join(one if k % 2 else one.translate(STRANGE) for k, one in enumerate(parts))
+    return "".join(part if k % 2 else part.translate(STRANGE) for k, part in enumerate(parts))
 
 
 @pytest.fixture
@@ -101,7 +101,10 @@ def in_strange_letters(monkeypatch):
 
 def words_of(command: click.Command) -> list[str]:
     """Return the help of a command and of its options."""
-    return [command.help or "", *(one.help or "" for one in command.params if isinstance(one, click.Option))]
+    return [
+        command.help or "",
+        *(param.help or "" for param in command.params if isinstance(param, click.Option)),
+    ]
 
 
 def said_by(line: str, capsys) -> str:
@@ -122,8 +125,8 @@ def english_in(text: str) -> list[str]:
 def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
     """A folder of its own with the runs and the route of the lab."""
     for path in lab.rglob("*"):
-        there = tmp_path / path.relative_to(lab)
-        there.mkdir(exist_ok=True) if path.is_dir() else there.write_bytes(path.read_bytes())
+        target = tmp_path / path.relative_to(lab)
+        target.mkdir(exist_ok=True) if path.is_dir() else target.write_bytes(path.read_bytes())
     first = next((tmp_path / "runs").glob("0001*")).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(first[: 2 * len(first) // 3])
     rows = (f"{20 * k},{k % 50 * 5},{k % 37 * 6},{k % 7},{k % 5},{k % 11 * 3}" for k in range(400))
@@ -154,10 +157,10 @@ def helps():
 
 def test_each_option_says_what_it_does():
     silent = [
-        f"{name} {one.opts[0]}"
+        f"{name} {param.opts[0]}"
         for name, command in helps()
-        for one in command.params
-        if isinstance(one, click.Option) and len((one.help or "").split()) < 2
+        for param in command.params
+        if isinstance(param, click.Option) and len((param.help or "").split()) < 2
     ]
     assert silent == []
 
@@ -165,13 +168,15 @@ def test_each_option_says_what_it_does():
 def test_help_in_spanish_is_in_the_third_person_and_has_one_wording_for_a_default():
     language.choose("es")
     try:
-        wordings = [(name, one) for name, command in helps() for one in words_of(in_language(command))]
+        wordings = [
+            (name, wording) for name, command in helps() for wording in words_of(in_language(command))
+        ]
     finally:
         language.choose("")
     assert len(wordings) > 250
-    assert [one for one in wordings if INFINITIVE.match(one[1])] == [], "Guarda, not Guardar"
-    assert [one for one in wordings if OTHER_DEFAULT.search(one[1])] == [], "por omisión"
-    assert [one for one in wordings if TUTEO.search(one[1])] == [], "usted"
+    assert [wording for wording in wordings if INFINITIVE.match(wording[1])] == [], "Guarda, not Guardar"
+    assert [wording for wording in wordings if OTHER_DEFAULT.search(wording[1])] == [], "por omisión"
+    assert [wording for wording in wordings if TUTEO.search(wording[1])] == [], "usted"
 
 
 def test_the_names_of_values_are_spanish(capsys):
@@ -200,7 +205,7 @@ def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, cap
     for name in ("car", "small"):
         comments = re.findall(r"#.*", Path(name, "vehicle.toml").read_text(encoding="utf-8"))
         assert len(comments) > 10
-        assert [one for one in comments if WORD.search(one.partition(":")[0])] == []
+        assert [comment for comment in comments if WORD.search(comment.partition(":")[0])] == []
 
 
 def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_letters, capsys):
@@ -249,13 +254,13 @@ def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
     try:
         said_by("runs import w.toml log.csv -o imported.mcap", capsys)
         run = read_run("imported.mcap")
-        warnings = [one for one in run.events if one.source == "import" and one.level == "warning"]
+        warnings = [event for event in run.events if event.source == "import" and event.level == "warning"]
         assert warnings
-        for one in warnings:
-            assert one.diagnostic.figures["cause"].code.startswith("recording.")
-            assert one.text == in_english(one.diagnostic)
+        for warning in warnings:
+            assert warning.diagnostic.figures["cause"].code.startswith("recording.")
+            assert warning.text == in_english(warning.diagnostic)
             with language.within("es"):
-                assert one.sentence != one.text
+                assert warning.sentence != warning.text
     finally:
         language.choose("")
 

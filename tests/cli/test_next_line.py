@@ -58,15 +58,15 @@ def test_a_run_that_is_not_there_is_looked_for_in_the_list(baqueano):
 
 def test_a_path_that_is_not_there_is_answered_with_what_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    args, why = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
-    advice = next_line(why, 3, args)
+    args, cause = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
+    advice = next_line(cause, 3, args)
     assert (advice.code, dict(advice.figures)) == (
         "next.no-file",
         {"folder": tmp_path.name, "suffix": ".csv"},
     )
     for name in ("a.csv", "b.csv", "c.csv", "d.csv", "e.csv", "f.csv", "notes.txt"):
         (tmp_path / name).touch()
-    figures = next_line(why, 3, args).figures
+    figures = next_line(cause, 3, args).figures
     assert (figures["files"], figures["more"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
 
 

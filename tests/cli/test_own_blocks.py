@@ -105,27 +105,31 @@ def own_controller(folder, k):
 
 
 def test_gains_that_stand_in_the_code_of_a_controller_are_found_and_written(project, tmp_path):
-    mine = own_controller(tmp_path, 'parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)')
-    end = project("tune", "--vehicle", str(mine), "--route", "lab", "--update", "--json")
+    own_file = own_controller(
+        tmp_path, 'parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)'
+    )
+    end = project("tune", "--vehicle", str(own_file), "--route", "lab", "--update", "--json")
     assert end.code in (0, 1), end.err
     (row,) = end.reply["rows"]
     assert row["name"] == "k"
-    again = load(mine)
-    assert again.controller().k == pytest.approx(row["value"]) != 0.5
-    assert again.provenance["controller.k"].run == "tune, perfect pose"
-    assert again.value("controller.k") == pytest.approx(row["value"])
+    updated = load(own_file)
+    assert updated.controller().k == pytest.approx(row["value"]) != 0.5
+    assert updated.provenance["controller.k"].run == "tune, perfect pose"
+    assert updated.value("controller.k") == pytest.approx(row["value"])
 
 
 def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tmp_path):
-    mine = load(own_controller(tmp_path, 'parameter("unit of u per m", "ahead", default=0.5)'))
-    tuned = mine.with_values({"controller.k": 2.0}, {"controller.k": {"run": "tune", "verdict": "USABLE"}})
+    own_file = load(own_controller(tmp_path, 'parameter("unit of u per m", "ahead", default=0.5)'))
+    tuned = own_file.with_values(
+        {"controller.k": 2.0}, {"controller.k": {"run": "tune", "verdict": "USABLE"}}
+    )
     (tmp_path / "mine.py").unlink()
     assert parse(tuned.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
 
 
 def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_the_search(project, tmp_path):
-    mine = own_controller(tmp_path, "0.5")
-    end = project("tune", "--vehicle", str(mine), "--route", "lab")
+    own_file = own_controller(tmp_path, "0.5")
+    end = project("tune", "--vehicle", str(own_file), "--route", "lab")
     assert end.code == 2
     assert "Mine does not declare a gain to tune" in end.paragraph
     assert "k: float = parameter(" in end.paragraph

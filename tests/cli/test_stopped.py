@@ -14,7 +14,7 @@ ROW = {"recording": "one", "quantity": "speed", "value": 0.1, "bar": "≤ 1", "o
 
 
 def test_id0_a_fit_that_is_stopped_is_reported_and_not_written(baqueano, lab, tmp_path, monkeypatch):
-    def stopped(runs, file, say, **how):
+    def stopped(runs, file, say, **options):
         fit = identify(runs, file, ["model.actuator_matrix[0,0]"], say=say)
         say.stopped = True
         return fit

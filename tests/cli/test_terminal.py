@@ -58,11 +58,11 @@ def test_a_pipe_that_is_closed_early_does_not_end_the_work(project):
 
 def test_a_terminal_that_hung_up_does_not_end_the_work(monkeypatch):
     pty = pytest.importorskip("pty")
-    here, there = pty.openpty()
-    with open(there, "w") as stream:
+    master, slave = pty.openpty()
+    with open(slave, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
         terminal.talk("somebody reads this")
-        os.close(here)
+        os.close(master)
         terminal.talk("nobody reads this")
         assert os.path.samestat(os.fstat(stream.fileno()), os.stat(os.devnull))
 

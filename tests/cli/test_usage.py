@@ -145,8 +145,8 @@ def test_too_little_memory_is_reported(baqueano, monkeypatch):
         raise MemoryError("22 TiB")
 
     monkeypatch.setattr("baqueano.runs.folder.listing", big)
-    why = baqueano("runs", "ls").why
-    assert (why.code, why.figures["error"]) == ("cli.memory", "22 TiB")
+    reason = baqueano("runs", "ls").why
+    assert (reason.code, reason.figures["error"]) == ("cli.memory", "22 TiB")
 
 
 def test_ctrl_c_ends_with_130(baqueano, monkeypatch):

@@ -26,9 +26,9 @@ def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, 
         made.out.strip()
         == "mi lab: vehicle.toml, my_estimator.py, my_guide.py, my_controller.py, first_evening.ipynb"
     )
-    again = baqueano("new", "mi lab")
-    assert again.code == 2
-    assert again.why.code == "cli.folder-not-empty"
+    second = baqueano("new", "mi lab")
+    assert second.code == 2
+    assert second.why.code == "cli.folder-not-empty"
     monkeypatch.chdir(tmp_path / "mi lab")
     for block in ("my_estimator.py:MyEstimator", "my_guide.py:MyGuide", "my_controller.py:MyController"):
         checked = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
@@ -92,9 +92,9 @@ def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
 def test_a_replay_gives_the_same_estimates(project):
     end = project("replay", "1", "--json")
     assert end.code == 0
-    first, again = end.reply["rows"]
-    assert again["ate_m"] == first["ate_m"]
-    assert again["nis"] == first["nis"]
+    first, second = end.reply["rows"]
+    assert second["ate_m"] == first["ate_m"]
+    assert second["nis"] == first["nis"]
 
 
 def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
@@ -116,11 +116,11 @@ def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
 def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "ekf", "--json")
     assert end.code == 0, end.err
-    again = end.reply["rows"][1]
-    assert again["run"].startswith("0003-replay")
+    replayed = end.reply["rows"][1]
+    assert replayed["run"].startswith("0003-replay")
     first = project("replay", "1", "--estimator", "ekf", "--json").reply["rows"][1]
-    assert again["speed_error_m_s"] < first["speed_error_m_s"]
-    kept = read_run(tmp_path / "runs" / f"{again['run']}.mcap")
+    assert replayed["speed_error_m_s"] < first["speed_error_m_s"]
+    kept = read_run(tmp_path / "runs" / f"{replayed['run']}.mcap")
     assert kept.metadata["smoothed"] == "Rauch-Tung-Striebel"
     assert len(kept.estimate.t_ns) == len(kept.t_ns)
 
@@ -215,7 +215,7 @@ def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
     fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply
     assert fit["verdict"] != "USABLE"
     assert fit["reasons"], "three seconds are too few, and nothing says so"
-    assert all({"code", "figures", "text"} <= set(why) for why in (*fit["reasons"], *fit["findings"]))
+    assert all({"code", "figures", "text"} <= set(reason) for reason in (*fit["reasons"], *fit["findings"]))
 
 
 def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):

@@ -62,13 +62,13 @@ def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
 def test_an_estimate_further_off_than_it_says_is_too_sure():
     judged = compare([made(off=(0, 0, 0)), made("b", off=(0.2, 0.0, 0.0))])
     assert [row["verdict"] for row in judged.rows()] == ["consistent", "too sure"]
-    assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("b", "too sure")]
+    assert [(reason.subject, reason.figures["how"]) for reason in judged.reasons] == [("b", "too sure")]
     assert judged.table().endswith("Fit the model again to find the cause.")
 
 
 def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for_again():
     judged = compare(made(off=(0.0, 0.0, 0.0), sigma=0.01))
-    assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("a", "too cautious")]
+    assert [(reason.subject, reason.figures["how"]) for reason in judged.reasons] == [("a", "too cautious")]
     assert " ".join(judged.table().split()).endswith("Reduce disturbance_std or process_noise_cov.")
     assert "Fit the model again" not in judged.table()
 
@@ -128,8 +128,8 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
 
 
 def test_a_replay_is_judged_by_its_estimate_and_not_by_what_the_vehicle_did():
-    drive, other = made("drive", across=0.05), made("replay", across=0.05, metadata={"kind": "replay"})
-    text = compare([drive, other]).table()
+    drive, replayed = made("drive", across=0.05), made("replay", across=0.05, metadata={"kind": "replay"})
+    text = compare([drive, replayed]).table()
     assert "across" not in text.partition("drive: ")[0]
     assert "at a limit" not in text
     assert "position (ATE)" in text
@@ -140,11 +140,11 @@ def test_an_estimate_that_diverged_says_when_and_is_judged_until_then():
     run = made(off=(0, 0, 0))
     eta = run.estimate.eta.copy()
     eta[700:, 0] = 1e16
-    one = compare(made(estimate=run.estimate._replace(eta=eta)))
-    assert one.runs[0].diverged_s == pytest.approx(7.0, abs=0.02)
-    assert one.runs[0].ate_m < 0.05
-    assert (one.verdict, one.reasons[0].figures["how"]) == ("INCONSISTENT", "diverged")
-    assert "diverged at 7.0 s" in one.table()
+    comparison = compare(made(estimate=run.estimate._replace(eta=eta)))
+    assert comparison.runs[0].diverged_s == pytest.approx(7.0, abs=0.02)
+    assert comparison.runs[0].ate_m < 0.05
+    assert (comparison.verdict, comparison.reasons[0].figures["how"]) == ("INCONSISTENT", "diverged")
+    assert "diverged at 7.0 s" in comparison.table()
     assert np.isnan(compare(made()).runs[0].diverged_s)
 
 
@@ -152,10 +152,10 @@ def test_a_covariance_that_is_none_is_named():
     run = made(off=(0, 0, 0))
     cov = run.estimate.cov.copy()
     cov[100:] *= -1.0
-    one = compare(made(estimate=run.estimate._replace(cov=cov)))
-    assert one.runs[0].no_covariance == NoCovariance(N - 100, N, pytest.approx(1.0))
-    assert one.verdict == "INCONSISTENT"
-    assert "not positive definite at 1400 of 1500 ticks" in one.table()
+    comparison = compare(made(estimate=run.estimate._replace(cov=cov)))
+    assert comparison.runs[0].no_covariance == NoCovariance(N - 100, N, pytest.approx(1.0))
+    assert comparison.verdict == "INCONSISTENT"
+    assert "not positive definite at 1400 of 1500 ticks" in comparison.table()
 
 
 @pytest.mark.parametrize(

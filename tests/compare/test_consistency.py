@@ -97,7 +97,7 @@ def test_a_pose_that_nothing_bounds_has_too_few_samples_to_be_judged():
 def test_units_do_not_matter():
     scale = np.diag([1e6, 1e-6, 1.0])
     e = draws(50)
-    a, b = (consistency.squared(one) for one in (whitened(e, P), whitened(e @ scale, scale @ P @ scale)))
+    a, b = (consistency.squared(pair) for pair in (whitened(e, P), whitened(e @ scale, scale @ P @ scale)))
     np.testing.assert_allclose(a, b, rtol=1e-9)
 
 

@@ -34,9 +34,9 @@ def test_turning_the_map_changes_no_corridor():
     A = rng.standard_normal((3, 3))
     P, c, s = 0.01 * A @ A.T, np.cos(1.0), np.sin(1.0)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    here, turned = straight([P]), straight([R @ P @ R.T], 1.0)
-    assert turned.across_m == pytest.approx(here.across_m)
-    assert turned.area_m2 == pytest.approx(here.area_m2)
+    straight_corridor, turned = straight([P]), straight([R @ P @ R.T], 1.0)
+    assert turned.across_m == pytest.approx(straight_corridor.across_m)
+    assert turned.area_m2 == pytest.approx(straight_corridor.area_m2)
 
 
 @pytest.mark.parametrize("sd", [0.51, np.nan])

@@ -52,9 +52,9 @@ def test_a_truth_without_heading_is_laid_on_as_umeyama_does():
     a, b = eta[7:, :2] - eta[7:, :2].mean(axis=0), truth[7:, :2] - truth[7:, :2].mean(axis=0)
     U, _, Vt = np.linalg.svd(b.T @ a)
     R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt  # Umeyama 1991, without scale
-    left = np.hypot(*(a @ R.T - b).T)
+    errors_m = np.hypot(*(a @ R.T - b).T)
     off = errors.absolute(errors.aligned(eta, truth, "rigid"), truth)
-    np.testing.assert_allclose(off.position_m[7:], left, atol=1e-12)
+    np.testing.assert_allclose(off.position_m[7:], errors_m, atol=1e-12)
     assert np.isnan(off.heading_rad).all()
 
 

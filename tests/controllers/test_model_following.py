@@ -58,8 +58,8 @@ def test_the_command_of_a_steady_circle_makes_the_model_drive_it(name, v, w, law
     vehicle, nu_y = compiled(file.vehicle), 0.0
     for _ in range(3):  # the sideslip of the model at this circle
         nu = np.array([v, nu_y, w])
-        there = map_from_body(0.5 * w * late_s) @ (late_s * nu)  # where it is T from now
-        u = settled(controller, there, nu, np.zeros(3), nu)
+        pose = map_from_body(0.5 * w * late_s) @ (late_s * nu)  # where it is T from now
+        u = settled(controller, pose, nu, np.zeros(3), nu)
         state = vehicle.init()
         for _ in range(400):
             state, _ = vehicle.step(state, u, 1.0 / file.rate_hz, np.zeros(3))
@@ -111,12 +111,12 @@ angle, place = st.floats(-3.1, 3.1), st.floats(-50.0, 50.0)
 def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, turns):
     controller, nu, move = SMALL.controller(law), [0.2, 0.0, 0.3], np.array(move)
     e, r = np.array([x, y, psi]), np.array([0.0, 0.1, 0.2])
-    here = controller.step(controller.init(), reference(r, nu), estimate(e, nu))[1].u
+    command = controller.step(controller.init(), reference(r, nu), estimate(e, nu))[1].u
     full = np.array([0.0, 0.0, 2.0 * np.pi * turns])
-    there = controller.step(
+    moved = controller.step(
         controller.init(), reference(compose(move, r) + full, nu), estimate(compose(move, e), nu)
     )
-    np.testing.assert_allclose(there[1].u, here, atol=1e-8)
+    np.testing.assert_allclose(moved[1].u, command, atol=1e-8)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -269,7 +269,7 @@ def test_a_wheel_that_cannot_do_both_turns_and_gives_up_speed():
     wheels = np.array([hasty[0] - hasty[2], hasty[0] + hasty[2]])
     assert np.max(np.abs(wheels) / limit) == pytest.approx(0.98, abs=1e-9)
     assert hasty[0] > calm[0]
-    alone = SMALL.vehicle.drivetrain.turn_first(np.array([0.9, 0.0, 0.4]))
-    np.testing.assert_allclose(alone, [0.58, 0.0, 0.4], atol=1e-12)
+    turn_only = SMALL.vehicle.drivetrain.turn_first(np.array([0.9, 0.0, 0.4]))
+    np.testing.assert_allclose(turn_only, [0.58, 0.0, 0.4], atol=1e-12)
     car = load("car").vehicle.drivetrain
     np.testing.assert_array_equal(car.turn_first(np.array([0.9, 0.4])), [0.9, 0.4])

@@ -107,18 +107,18 @@ def test_a_lap_of_the_whole_loop_stays_on_its_path():
 
 
 def test_where_the_solver_fails_the_old_plan_goes_on_and_then_the_drive_ends(monkeypatch):
-    controller, here = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
+    controller, standing = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
     ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
-    state, first = controller.step(controller.init(), ahead, here)
+    state, first = controller.step(controller.init(), ahead, standing)
     monkeypatch.setattr(BoundedProgram, "solve", lambda *_: None)
     for k in range(1, 11):
         t_ns = k * 20_000_000
-        state, command = controller.step(state, ahead._replace(t_ns=t_ns), here._replace(t_ns=t_ns))
+        state, command = controller.step(state, ahead._replace(t_ns=t_ns), standing._replace(t_ns=t_ns))
         assert state.failures == k
         assert np.isfinite(command.u).all()
     assert first.u[0] > 0.3
     with refused("mpc.unsolved", Invalid, ticks=11):
-        controller.step(state, ahead._replace(t_ns=10**9), here._replace(t_ns=10**9))
+        controller.step(state, ahead._replace(t_ns=10**9), standing._replace(t_ns=10**9))
 
 
 def test_a_tick_in_which_the_solver_fails_stands_in_the_run(monkeypatch):
@@ -131,8 +131,8 @@ def test_a_tick_in_which_the_solver_fails_stands_in_the_run(monkeypatch):
     monkeypatch.setattr(BoundedProgram, "solve", fails_twice)
     run = repeat(SMALL, line(1.0, 0.2), controller=Mpc, duration_s=1.0)
     events = [event for event in run.events if event.source == "controller"]
-    assert [(one.diagnostic.code, one.level) for one in events] == [("mpc.old-plan", "warning")] * 2
-    assert np.diff([one.t_ns for one in events]) == pytest.approx(20e9 / SMALL.rate_hz)
+    assert [(event.diagnostic.code, event.level) for event in events] == [("mpc.old-plan", "warning")] * 2
+    assert np.diff([event.t_ns for event in events]) == pytest.approx(20e9 / SMALL.rate_hz)
     assert stop_of(run) is None
 
 

@@ -64,10 +64,10 @@ def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
 )
 def test_a_change_that_is_not_allowed_is_reported_and_changes_nothing(path, value, code):
     own = load("small").controller()
-    one = Adjustable(own)
+    adjustable = Adjustable(own)
     with refused(code):
-        one.change(path, value)
-    assert one.block is own
+        adjustable.change(path, value)
+    assert adjustable.block is own
 
 
 def test_a_refused_change_does_not_end_the_drive():
@@ -79,9 +79,9 @@ def test_a_refused_change_does_not_end_the_drive():
 
 def test_only_the_holder_of_a_drive_sets_gains():
     operator = Operator()
-    for who in ("me", "another"):
+    for person in ("me", "another"):
         with pytest.raises(SafetyStop):
-            operator.change(who, "controller.k_x", 1.0)
+            operator.change(person, "controller.k_x", 1.0)
     operator.ask("me", "a mission")
     with pytest.raises(SafetyStop):
         operator.change("another", "controller.k_x", 1.0)

@@ -18,8 +18,8 @@ def vehicle(**message):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_code_is_that_of_the_error_that_it_came_from(kind):
-    here = of_code(kind.exit_code, "why")
-    assert (type(here), str(here)) == (kind, "why")
+    error = of_code(kind.exit_code, "why")
+    assert (type(error), str(error)) == (kind, "why")
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -30,14 +30,14 @@ def door(tmp_path):
 
 @pytest.fixture
 def come(door):
-    there = []
+    people = []
 
     def come():
-        there.append(Person(door.path))
-        return there[-1]
+        people.append(Person(door.path))
+        return people[-1]
 
     yield come
-    for person in there:
+    for person in people:
         person.close()
 
 
@@ -92,8 +92,8 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
 
 
 def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, come, turns):
-    one = come()
-    one.line.sendall(RUNS * 200 + STOP + RUNS * 20)
+    person = come()
+    person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.why(False) is not None)
     at = next(k for k, line in enumerate(turns) if line.startswith(b'{"do": "stop"'))
     assert at <= SHARE
@@ -101,42 +101,42 @@ def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, come, turns
 
 
 def test_what_only_looks_like_a_stop_waits_for_its_turn(door, come):
-    one = come()
-    one.say(do="ping", token={"do": "stop"})
-    assert one.hear()["token"] == {"do": "stop"}
+    person = come()
+    person.say(do="ping", token={"do": "stop"})
+    assert person.hear()["token"] == {"do": "stop"}
     assert door.operator.why(False) is None
 
 
 def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, come):
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        guest = Guest(ours)
-        theirs.sendall(RUNS * (3 * BACKLOG))
+    near_end, far_end = socket.socketpair()
+    with near_end, far_end:
+        guest = Guest(near_end)
+        far_end.sendall(RUNS * (3 * BACKLOG))
         assert list(guest.receive()) == []
         assert len(guest.lines) == BACKLOG
         assert guest.dropped == 2 * BACKLOG
-        theirs.sendall(STOP)
+        far_end.sendall(STOP)
         assert list(guest.receive()) == [STOP.rstrip()]
-    one = come()
-    one.line.sendall(RUNS * (4 * BACKLOG))
-    while (message := one.hear())["is"] == "runs":
+    person = come()
+    person.line.sendall(RUNS * (4 * BACKLOG))
+    while (message := person.hear())["is"] == "runs":
         pass
     assert message["about"]["code"] == "door.too-many"
 
 
 def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        ours.setblocking(False)
-        guest, mission = Guest(ours), b'{"do": "mission", "mission": "' + b"7" * LONG + b'"}\n'
+    near_end, far_end = socket.socketpair()
+    with near_end, far_end:
+        near_end.setblocking(False)
+        guest, mission = Guest(near_end), b'{"do": "mission", "mission": "' + b"7" * LONG + b'"}\n'
         lines = mission + BEAT * 100 + mission + BEAT * 100
-        sender = threading.Thread(target=theirs.sendall, args=(lines,))
+        sender = threading.Thread(target=far_end.sendall, args=(lines,))
         sender.start()
         until(lambda: not list(guest.receive()) and len(guest.lines) + guest.dropped == 202)
         sender.join()
         assert guest.dropped == 1  # the second mission
         assert [guest.next() for _ in range(201)] == [mission.rstrip(), *[BEAT.rstrip()] * 200]
-        theirs.sendall(BEAT)
+        far_end.sendall(BEAT)
         assert list(guest.receive()) == []
         assert guest.next() == BEAT.rstrip()  # its places are free again
 
@@ -172,17 +172,17 @@ def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_tak
 
 def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, come):
     people = [come() for _ in range(12)]
-    for one in people:
-        one.line.settimeout(20.0)
+    for person in people:
+        person.line.settimeout(20.0)
 
-    def pour(one):
+    def pour(person):
         try:
             for _ in range(64):  # 4 MB each, 64 kB are kept of all but one
-                one.line.sendall(b"x" * LONG)
+                person.line.sendall(b"x" * LONG)
         except OSError:
             return
 
-    threads = [threading.Thread(target=pour, args=(one,), daemon=True) for one in people]
+    threads = [threading.Thread(target=pour, args=(person,), daemon=True) for person in people]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -192,25 +192,25 @@ def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, come):
 
 
 def test_a_long_line_is_refused_while_somebody_drives(door, come):
-    driver, other = come(), come()
+    driver, second = come(), come()
     until(lambda: len(door._guests) == 2)
     driver.say(do="mission", door=sockets.VERSION, mission="{}")
     until(lambda: door.operator.taken)
     with suppress(OSError):
         for _ in range(1000):
-            other.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG)
-    assert json.loads(other.file.readline())["about"]["code"] == "door.somebody"
+            second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG)
+    assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
 
 
 def test_a_page_is_silent_sooner_than_ssh(door, come):
     assert HIDDEN_S < SILENCE_S
     for k, (by, silence_s) in enumerate((("page", HIDDEN_S), ("ssh", SILENCE_S))):
-        one = come()
-        one.say(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
+        person = come()
+        person.say(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
         until(lambda: door.operator.taken)
         assert door.operator._silence_s == silence_s
         door.operator.next()
         door.operator.free()
-        one.close()
-        until(lambda one=one: not any(door.operator.holds(guest) for guest in door._guests))
+        person.close()
+        until(lambda person=person: not any(door.operator.holds(guest) for guest in door._guests))
         until(lambda: door.operator._holder is None)

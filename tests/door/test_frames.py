@@ -117,8 +117,8 @@ def test_progress_grows_over_all_laps_and_an_eights_crossing_is_not_a_short_cut(
         assert np.all(np.diff(s) > -1e-9)
         assert s[-1] == pytest.approx(laps * along.length_m, rel=0.02)
         np.testing.assert_allclose(cross, 0.0, atol=1e-6)
-    left = AlongRoute(shapes.circle(0.5, 0.3)).where([0.0, 0.02])
-    assert left[1] == pytest.approx(0.02, rel=0.01)
+    deviation = AlongRoute(shapes.circle(0.5, 0.3)).where([0.0, 0.02])
+    assert deviation[1] == pytest.approx(0.02, rel=0.01)
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -126,8 +126,8 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
     file, listening, _ = driven
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     sleeper, healthy = Person(door.path), Person(door.path)
-    for one in (sleeper, healthy):
-        one.say(do="watch", hz=50)
+    for person in (sleeper, healthy):
+        person.say(do="watch", hz=50)
     until(lambda: sum(guest.hz > 0 for guest in door._guests) == 2)
     count, most = 0, 0
     for _ in range(150):
@@ -146,8 +146,8 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
             assert message["n"] >= (ends[-1] if ends else 0)
             ends.append(message["n"] + len(message["x"]))
     assert len(ends) < 100
-    for one in (sleeper, healthy):
-        one.close()
+    for person in (sleeper, healthy):
+        person.close()
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -175,20 +175,20 @@ def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door,
 def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, driven):
     file, listening, _ = driven
     door.frames.begin(file, "simulated", estimator=listening.estimator)
-    person, other = Person(door.path), Person(door.path)
+    person, viewer = Person(door.path), Person(door.path)
     person.say(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
-    other.say(do="watch", hz=5)
+    viewer.say(do="watch", hz=5)
     messages = [person.hear() for _ in range(3)]
     assert [m["is"] for m in messages] == ["vehicle", "fields", "route"]
     assert messages[1]["names"] == ["t", "eta.x"]
     assert messages[1]["units"] == ["s", "m"]
-    assert [other.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    assert [viewer.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for record in listening.records:
         door.frames.look(record)
-    for one, width in ((person, 2), (other, len(DriveRows(file).columns))):
+    for client, width in ((person, 2), (viewer, len(DriveRows(file).columns))):
         rows = []
         while len(rows) < len(listening.records):
-            frame = one.hear()
+            frame = client.hear()
             assert (frame["is"], frame["n"]) == ("frame", len(rows))
             rows += frame["x"]
         assert {len(row) for row in rows} == {width}
@@ -201,8 +201,8 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
     door.frames.look(listening.records[1])
     person.say(do="ping")
     assert person.hear()["is"] == "pong"
-    for one in (person, other):
-        one.close()
+    for client in (person, viewer):
+        client.close()
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -214,10 +214,10 @@ def test_what_is_reported_wakes_the_door_and_is_encoded_once(door, monkeypatch):
     until(lambda: len(door._guests) == 5)
     for k in range(20):
         door.tell({"is": "event", "said": k})
-        assert [one.hear()["said"] for one in people] == [k] * 5
+        assert [person.hear()["said"] for person in people] == [k] * 5
     assert len(encodings) == 20
-    for one in people:
-        one.close()
+    for person in people:
+        person.close()
 
 
 @pytest.mark.parametrize("hz", ["a", None, [], float("nan")])

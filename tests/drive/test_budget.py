@@ -54,11 +54,11 @@ def test_a_block_that_hangs_is_stopped_and_its_line_is_named():
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
         ticking=simulated(file.rate_hz, 1.0), live=True,
     )  # fmt: skip
-    why = stop_of(run)
-    assert why.code == StopReason.BLOCK_RAISED
-    assert why.figures["block"].startswith("controller Hangs (")
-    assert "test_budget.py:" in why.figures["block"]
-    assert "longer than 100 ms" in why.figures["error"]
+    reason = stop_of(run)
+    assert reason.code == StopReason.BLOCK_RAISED
+    assert reason.figures["block"].startswith("controller Hangs (")
+    assert "test_budget.py:" in reason.figures["block"]
+    assert "longer than 100 ms" in reason.figures["error"]
     assert np.all(run.applied[-20:] == 0.0)
 
 

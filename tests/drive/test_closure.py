@@ -51,12 +51,12 @@ class ByTruth(Observer):
             return np.zeros(3)
         if not self.goals:
             raise KeyboardInterrupt
-        left = self.goals[0] - self.turned
-        if abs(left) < 0.01 and abs(self.world.truth.nu[2]) < 0.05:
+        remaining = self.goals[0] - self.turned
+        if abs(remaining) < 0.01 and abs(self.world.truth.nu[2]) < 0.05:
             self.goals, self.rest = self.goals[1:], 150
-        turn = np.clip(1.2 * left, -0.7, 0.7)
-        ahead = self.ahead if abs(left) > 0.5 else 0.0
-        return np.array([ahead, 0.0, turn + np.sign(left) * 0.32 * (abs(left) > 0.01)])
+        turn = np.clip(1.2 * remaining, -0.7, 0.7)
+        ahead = self.ahead if abs(remaining) > 0.5 else 0.0
+        return np.array([ahead, 0.0, turn + np.sign(remaining) * 0.32 * (abs(remaining) > 0.01)])
 
     def marked(self):
         marks, self.marks = self.marks, 0

@@ -55,8 +55,8 @@ class Terminal:
         self.closed = True
 
 
-def cockpit(terminal, **how):
-    return Cockpit(LIMIT, terminal, now=terminal.now, sleep=terminal.sleep, **how)
+def cockpit(terminal, **options):
+    return Cockpit(LIMIT, terminal, now=terminal.now, sleep=terminal.sleep, **options)
 
 
 def wait(hand, terminal, seconds):

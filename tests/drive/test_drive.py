@@ -169,12 +169,12 @@ def test_es12_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path)
         run = teach(FILE, ROUTE, **options).run
     else:
         run = experiment(FILE, np.random.default_rng(0).uniform(-1, 1, (150, 3)) * LIMIT, **options)
-    again = replay(read_run(path), FILE)
+    replayed = replay(read_run(path), FILE)
     for name in ("estimate", "reference", "truth"):
-        assert same_log(getattr(again, name), getattr(run, name))
-    assert np.array_equal(again.requested, run.requested, equal_nan=True)
-    assert np.array_equal(again.sent, run.sent, equal_nan=True)
-    assert np.array_equal(again.applied, run.applied)
+        assert same_log(getattr(replayed, name), getattr(run, name))
+    assert np.array_equal(replayed.requested, run.requested, equal_nan=True)
+    assert np.array_equal(replayed.sent, run.sent, equal_nan=True)
+    assert np.array_equal(replayed.applied, run.applied)
 
 
 def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
@@ -192,10 +192,10 @@ def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
 def test_replay_through_other_blocks_keeps_what_the_motors_got():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     lazy = Blocks(FILE.estimator(), Repeat.along(ROUTE), Pd(alpha=0.1, beta=0.1), FILE.supervisor())
-    again = replay(run, FILE, lazy)
-    assert np.array_equal(again.applied, run.applied)
-    assert same_log(again.estimate, run.estimate)
-    assert not np.array_equal(again.requested, run.requested)
+    replayed = replay(run, FILE, lazy)
+    assert np.array_equal(replayed.applied, run.applied)
+    assert same_log(replayed.estimate, run.estimate)
+    assert not np.array_equal(replayed.requested, run.requested)
 
 
 def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_bit_for_bit():
@@ -228,14 +228,14 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
         **vars(FILE)
         | {"sensors": sensors, "estimator": lambda kind=None: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
     )
-    again = replay(run, with_mark)
-    first = again.events[0].diagnostic
+    replayed = replay(run, with_mark)
+    first = replayed.events[0].diagnostic
     assert (first.code, first.figures) == ("replay.without-sensor", {"sensor": "mark"})
-    assert len(again.sensors["mark"].t_ns) == 0
-    assert stop_of(again) is None
-    np.testing.assert_allclose(again.estimate.eta, run.estimate.eta, atol=1e-9)
-    np.testing.assert_allclose(again.estimate.cov, run.estimate.cov, atol=1e-9)
-    assert np.isnan(again.estimate.innovation[:, 3]).all()
+    assert len(replayed.sensors["mark"].t_ns) == 0
+    assert stop_of(replayed) is None
+    np.testing.assert_allclose(replayed.estimate.eta, run.estimate.eta, atol=1e-9)
+    np.testing.assert_allclose(replayed.estimate.cov, run.estimate.cov, atol=1e-9)
+    assert np.isnan(replayed.estimate.innovation[:, 3]).all()
 
 
 def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):

@@ -28,7 +28,7 @@ def small():
 def flags(run):
     """What is said of the model in a run."""
     events = [event.diagnostic for event in run.events if event.source == "model"]
-    return [one for one in events if one.code == "envelope.left"]
+    return [event for event in events if event.code == "envelope.left"]
 
 
 SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 1))

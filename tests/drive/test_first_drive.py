@@ -32,10 +32,10 @@ def first(small):
 
 @pytest.mark.parametrize("seed", [1, 7])
 def test_an_unknown_vehicle_stays_around_its_spot_and_its_wiring_is_named(seed):
-    one = drive_one(seed)
-    assert one.margin_m > 0.3  # of 0.68 m that are there
-    assert one.named
-    assert one.seconds < 120.0
+    drive = drive_one(seed)
+    assert drive.margin_m > 0.3  # of 0.68 m that are there
+    assert drive.named
+    assert drive.seconds < 120.0
 
 
 def test_levels_begin_small_and_grow_by_small_steps(first):
@@ -76,7 +76,7 @@ def test_the_rough_gain_is_of_the_right_size(small, seed):
 def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
     world = MiswiredLink(LoopWorld(draw_robots(1, 3), 3, small.rate_hz), "swapped")
     first = first_drive(small, world=world)
-    assert [one.code for one in first.wiring] == ["wiring.swapped"]
+    assert [finding.code for finding in first.wiring] == ["wiring.swapped"]
     assert text(first.wiring[0]) in first.table()
     with refused("wiring.swapped", AnswerNo):
         rough(first, small)
@@ -96,7 +96,7 @@ def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(sm
 def test_a_drive_that_was_over_before_full_command_does_not_blame_the_motors(first, small):
     estimate = estimate_first_drive(first.run.cut(0.0, 10.0), small)
     assert estimate.still
-    assert {one.code for one in estimate.still} == {"first-drive.ended-early"}
+    assert {finding.code for finding in estimate.still} == {"first-drive.ended-early"}
     assert estimate.still[0].figures["command"] == "the left wheel forward"
     assert estimate.still[0].figures["tried_percent"] == pytest.approx(8.0, abs=0.5)
 

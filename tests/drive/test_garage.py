@@ -23,10 +23,10 @@ def test_a_circle_is_taught_and_repeated_and_replayed(name, radius_m, speed_m_s)
     assert (
         np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
     )  # it went round, as well as gains that nobody tuned can
-    again = replay(run, file)
-    assert np.array_equal(again.estimate.eta, run.estimate.eta)
-    assert np.array_equal(again.estimate.cov, run.estimate.cov)
-    assert np.array_equal(again.requested, run.requested)
+    replayed = replay(run, file)
+    assert np.array_equal(replayed.estimate.eta, run.estimate.eta)
+    assert np.array_equal(replayed.estimate.cov, run.estimate.cov)
+    assert np.array_equal(replayed.requested, run.requested)
 
 
 WRONG = {
@@ -51,11 +51,11 @@ def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_
     )
     ekf = compiled(block)
     silent = example_tick(file).sensors
-    with_sensors, alone = ekf.init(), ekf.init()
+    with_sensors, blind = ekf.init(), ekf.init()
     errors = []
     for tick, truth in zip(run.ticks(), run.truth.nu, strict=True):
         with_sensors, a = ekf.step(with_sensors, tick)
-        alone, b = ekf.step(alone, tick._replace(sensors=silent))
+        blind, b = ekf.step(blind, tick._replace(sensors=silent))
         errors.append([a.nu - truth, b.nu - truth])
     filtered, model = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
     assert filtered[0] < (0.7 if "odometer" in block.use or speed_from else 1.01) * model[0]

@@ -34,9 +34,9 @@ class Says:
 class Drive:
     """One tick after the other of a hold of which only the estimate is known."""
 
-    def __init__(self, **how):
+    def __init__(self, **options):
         self.hand, self.k = Says(), 0
-        self.hold = HeadingHold(self.hand, GAINS, 1.0, **how)
+        self.hold = HeadingHold(self.hand, GAINS, 1.0, **options)
         self.state = self.hold.init()
 
     def tick(self, u=None, psi=0.0, r=0.0, v=0.3, innovation=None):
@@ -170,9 +170,9 @@ def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():
     run = straight(file, body(file), 1.0, 0.5, True).run
     assert np.any(run.requested[:, 2] != 0.0)
     np.testing.assert_array_equal(run.applied[1:], run.sent[:-1])
-    again = replay(run, file)
-    assert np.array_equal(again.requested, run.requested)
-    assert np.array_equal(again.estimate.eta, run.estimate.eta)
+    replayed = replay(run, file)
+    assert np.array_equal(replayed.requested, run.requested)
+    assert np.array_equal(replayed.estimate.eta, run.estimate.eta)
 
 
 def test_a_turn_that_is_asked_is_the_hands_alone_at_once():
@@ -253,8 +253,8 @@ def test_a_gyro_that_the_estimator_leaves_out_is_received():
 def test_a_mission_holds_unless_it_was_told_not_to():
     small = vehicle_file.load("small")
     for hold in (True, False):
-        there = Mission.of_json(Mission("teach", hold=hold).json())
-        run = perform(there, small, hand_for(3.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
+        mission = Mission.of_json(Mission("teach", hold=hold).json())
+        run = perform(mission, small, hand_for(3.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
         assert np.any(run.requested[:, 2] != 0.0) == hold
 
 

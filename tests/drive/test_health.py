@@ -26,7 +26,7 @@ def reasons_for(nis, seconds=20.0):
         y = np.sqrt(nis) * rng.normal(size=3)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
         out.append(health.check(k * 10_000_000, estimate))
-    return [why for why in out if why]
+    return [reason for reason in out if reason]
 
 
 def test_a_right_model_is_never_warned_of():
@@ -35,9 +35,9 @@ def test_a_right_model_is_never_warned_of():
 
 
 def test_a_wrong_model_is_warned_of_once():
-    (why,) = reasons_for(6.0)
-    assert (why.code, why.fix) == ("model.fits-no-longer", "baqueano identify last")
-    assert why.figures["times"] == pytest.approx(2.4, abs=0.05)
+    (reason,) = reasons_for(6.0)
+    assert (reason.code, reason.fix) == ("model.fits-no-longer", "baqueano identify last")
+    assert reason.figures["times"] == pytest.approx(2.4, abs=0.05)
 
 
 def test_a_few_wild_measurements_are_not_a_wrong_model():
@@ -80,9 +80,9 @@ def test_friction_that_grew_is_noticed_on_an_even_floor(signal, grown):
 
 def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
     small = small.with_values({"estimator.disturbance_std": [0.02, 0.05]})  # it was identified
-    other = small.with_values({"sensors.imu.gyro_scale": 0.3})
+    wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.3})
     u = random_steps(0.6 * np.asarray(small.command.limit), 15.0, small.rate_hz, 3)
-    run = experiment(small, u, truth=other, seed=3)
+    run = experiment(small, u, truth=wrong_file, seed=3)
     events = [e for e in run.events if e.source == SENSORS_SOURCE]
     assert events[0].level == "info"
     first = events[0].diagnostic
@@ -102,21 +102,21 @@ def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
         def look(self, record):
             shown.append(record.degraded)
 
-    other = small.with_values({"sensors.imu.gyro_scale": 0.1})
+    wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.1})
     u = np.tile([0.4, 0.0, 0.4], (500, 1))
-    run = experiment(small, u, truth=other, seed=3, observers=[Watcher()])
+    run = experiment(small, u, truth=wrong_file, seed=3, observers=[Watcher()])
     worse = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
     (finding,) = shown[-1]
     assert finding.diagnostic == worse.diagnostic
     assert finding.name == "imu[2]"
-    assert [bool(one) for one in shown] == [t >= worse.t_ns for t in run.t_ns]
+    assert [bool(count) for count in shown] == [t >= worse.t_ns for t in run.t_ns]
 
 
 def test_the_run_holds_how_often_each_number_was_refused(small):
     run = experiment(small, np.tile([0.4, 0.0, 0.0], (100, 1)), seed=3)
-    assert [(one.name, one.arrived) for one in refusals_of(run.events)] == [
+    assert [(refusal.name, refusal.arrived) for refusal in refusals_of(run.events)] == [
         (f"imu[{k}]", 101) for k in range(3)
     ]
     uncounted = blocks_of(run, small)._replace(estimator=small.estimator("dead_reckoning"))
-    alone = replay(run, small, uncounted)
-    assert refusals_of(alone.events) == ()
+    replayed = replay(run, small, uncounted)
+    assert refusals_of(replayed.events) == ()

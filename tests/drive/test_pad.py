@@ -53,17 +53,17 @@ def test_events_are_read_by_the_layout_of_the_reading_program(plugged, long_byte
 
 def test_it_drives_only_while_a_front_button_is_held(plugged):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = opened(plugged(kernel))
     kernel.change(AHEAD, (ABS, 0, 32767))
-    assert one.read() == []
-    assert one.direction() == (0.0, 0.0)
+    assert game_pad.read() == []
+    assert game_pad.direction() == (0.0, 0.0)
     kernel.change((KEY, LEFT_FRONT, 1))
-    assert one.read() == [LEFT_FRONT]
-    assert one.direction() == (1.0, -1.0)
-    assert one.hint == "pad drives"
+    assert game_pad.read() == [LEFT_FRONT]
+    assert game_pad.direction() == (1.0, -1.0)
+    assert game_pad.hint == "pad drives"
     kernel.change((KEY, LEFT_FRONT, 0))
-    one.read()
-    assert one.direction() == (0.0, 0.0)
+    game_pad.read()
+    assert game_pad.direction() == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -82,82 +82,82 @@ def test_it_drives_only_while_a_front_button_is_held(plugged):
 def test_ranges_and_rest_are_those_that_the_kernel_tells(plugged, low, high, flat, value, part):
     middle = (low + high) // 2
     kernel = pad(axes={code: [middle, low, high, 0, flat, 0] for code in (0, 1)})
-    one = opened(plugged(kernel))
+    game_pad = opened(plugged(kernel))
     kernel.change((KEY, LEFT_FRONT, 1), (ABS, 1, value))
-    one.read()
-    assert one.direction() == pytest.approx((part, 0.0), abs=2e-3)
+    game_pad.read()
+    assert game_pad.direction() == pytest.approx((part, 0.0), abs=2e-3)
 
 
 def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plugged):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = opened(plugged(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
-    assert one.direction()[0] == 1.0
+    game_pad.read()
+    assert game_pad.direction()[0] == 1.0
     for k in range(40):  # more than the kernel keeps
         kernel.change((ABS, 0, 100 * k))
     kernel.change((ABS, 1, 0), (KEY, EAST, 1))
     whole, kernel.waiting = kernel.waiting, kernel.waiting[:1]
     assert whole[0] == (0, 3, 0), "the kernel says SYN_DROPPED"
-    one.read()
-    assert not one.holds
+    game_pad.read()
+    assert not game_pad.holds
     kernel.waiting = whole[1:]
-    assert one.read() == [EAST], "the stop that was pressed unseen"
-    assert one.holds
-    assert one.direction() == (0.0, 0.0)
+    assert game_pad.read() == [EAST], "the stop that was pressed unseen"
+    assert game_pad.holds
+    assert game_pad.direction() == (0.0, 0.0)
 
 
 def test_a_front_button_that_was_let_go_unseen_is_let_go(plugged):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = opened(plugged(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
+    game_pad.read()
     kernel.change((KEY, LEFT_FRONT, 0))
     kernel.waiting = [(0, 3, 0), (0, 0, 0)]
-    one.read()
-    assert not one.holds
+    game_pad.read()
+    assert not game_pad.holds
 
 
 def test_a_pad_that_is_unplugged_is_gone_for_good(plugged):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = opened(plugged(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
+    game_pad.read()
     kernel.unplug()
-    assert one.read() == []
-    assert one.gone
-    assert one.direction() == (0.0, 0.0)
+    assert game_pad.read() == []
+    assert game_pad.gone
+    assert game_pad.direction() == (0.0, 0.0)
 
 
 def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middle(plugged):
     kernel = pad()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one = opened(plugged(kernel))
+    game_pad = opened(plugged(kernel))
     kernel.waiting.clear()
-    one.read()
-    assert not one.holds
-    assert "let go" in one.hint
+    game_pad.read()
+    assert not game_pad.holds
+    assert "let go" in game_pad.hint
     kernel.change((ABS, 1, 0))
-    one.read()
-    assert not one.holds, "its front button is held still"
+    game_pad.read()
+    assert not game_pad.holds, "its front button is held still"
     kernel.change((KEY, LEFT_FRONT, 0))
-    one.read()
+    game_pad.read()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
-    assert one.direction() == (1.0, 0.0)
+    game_pad.read()
+    assert game_pad.direction() == (1.0, 0.0)
 
 
 def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plugged):
     kernel = bare_pad()
-    one = opened(plugged(kernel))
+    game_pad = opened(plugged(kernel))
     kernel.change((KEY, 0x124, 1))
-    one.read()
-    assert one.direction() == (0.0, 0.0), "value 0 of 0 … 255 is one end of its way"
+    game_pad.read()
+    assert game_pad.direction() == (0.0, 0.0), "value 0 of 0 … 255 is one end of its way"
     kernel.change((KEY, 0x124, 0), (ABS, 0, 128), (ABS, 1, 127))
-    one.read()
+    game_pad.read()
     kernel.change((KEY, 0x124, 1), (ABS, 0, 0))
-    one.read()
-    assert one.direction() == (0.0, 1.0)
+    game_pad.read()
+    assert game_pad.direction() == (0.0, 1.0)
 
 
 def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plugged):

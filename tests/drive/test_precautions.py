@@ -33,11 +33,11 @@ def off_route(run, route):
 
 def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0, 0.0, 0.0), degraded=()):
     """A tick of a drive."""
-    t_ns, still = round(1e9 * t_s), np.zeros(3)
+    t_ns, zero = round(1e9 * t_s), np.zeros(3)
     cov = np.zeros((6, 6)) if cov is None else cov
     return Record(
-        Tick(t_ns, still, silent({})), Command(t_ns, still), Command(t_ns, still),
-        Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(velocity), still, 0.0), degraded,
+        Tick(t_ns, zero, silent({})), Command(t_ns, zero), Command(t_ns, zero),
+        Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(velocity), zero, 0.0), degraded,
     )  # fmt: skip
 
 
@@ -101,9 +101,9 @@ def watched(caution, rows):
     """Pace and stop after each (time, finding)."""
     out = []
     for t_s, degraded in rows:
-        why = caution.why(round(1e9 * t_s))
+        reason = caution.why(round(1e9 * t_s))
         caution.look(record(t_s, degraded=degraded))
-        out.append((caution._guide.pace, why))
+        out.append((caution._guide.pace, reason))
     return out
 
 
@@ -120,7 +120,7 @@ def test_a_sensor_that_is_off_slows_stops_and_is_named():
     paces = [pace for pace, _ in rows]
     assert paces[:29] == [SLOW] * 29
     assert paces[31:] == [0.0] * len(paces[31:])
-    (code,) = {why.code for _, why in rows if why is not None}
+    (code,) = {reason.code for _, reason in rows if reason is not None}
     assert code == StopReason.ESTIMATE_DOUBTFUL
     assert rows[38][1] is None
     assert rows[-1][1].figures["cause"].subject == "imu[2]"
@@ -186,9 +186,9 @@ def test_the_region_of_the_place_stops_before_the_wall():
         watch.look(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
         assert (watch.why(0) is not None) == stopped
     assert watch.why(0).figures["axis"] == "x"
-    still = RoomWatch(room, origin)
-    still.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
-    assert still.why(0).figures["stop_m"] == pytest.approx(0.15)
+    room_watch = RoomWatch(room, origin)
+    room_watch.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
+    assert room_watch.why(0).figures["stop_m"] == pytest.approx(0.15)
 
 
 def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():
@@ -201,9 +201,9 @@ def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():
 def test_a_mission_carries_its_precautions_and_where_the_vehicle_stands():
     care = Precautions(room=PlainRoom((1.0, 2.0), (0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
     mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
-    again = Mission.of_json(mission.json())
-    assert again.start == (0.0, 0.2, 0.5)
-    assert Precautions.of_json(again.precautions) == Precautions.of_json(mission.precautions)
+    received = Mission.of_json(mission.json())
+    assert received.start == (0.0, 0.2, 0.5)
+    assert Precautions.of_json(received.precautions) == Precautions.of_json(mission.precautions)
     assert "precautions" not in Mission("repeat", route=LAP).json()  # as robots of before read it
 
 

@@ -29,7 +29,7 @@ class BadLine:
         if self.gone:
             raise OSError("the line is gone")
         *frames, self._open = (self._open + data).split(b"\0")
-        passed = (one for body in frames if body for one in self._passed("of", b"\0" + body + b"\0"))
+        passed = (frame for body in frames if body for frame in self._passed("of", b"\0" + body + b"\0"))
         return b"".join(map(self._noisy, passed))
 
     def _passed(self, way: str, frame: bytes) -> Iterator[bytes]:

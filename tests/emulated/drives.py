@@ -44,9 +44,9 @@ def spin(seconds: float = 1.0, turn: float = 0.6, file: Any = None) -> Mission:
     return packed(Mission("experiment", u=u), file)
 
 
-def drive(service: Any, what: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
+def drive(service: Any, mission: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
     """Takes the mission; how it ended, and its run."""
-    service.take(what, attended)
+    service.take(mission, attended)
     done = [m for m in service.messages if m["is"] == "done"][-1]
     return done, None if done["run"] is None else read_run(service.folder / done["run"])
 

@@ -166,11 +166,11 @@ class MpuEmulator:
         if self.now_ns is not None:
             self.run_until(self.now_ns())
         answers = []
-        for reads, what in messages:
+        for reads, payload in messages:
             if reads:
-                answers.append(bytes(self._read() for _ in range(int(what))))
+                answers.append(bytes(self._read() for _ in range(int(payload))))
             else:
-                data = bytes(what)  # type: ignore[arg-type]
+                data = bytes(payload)  # type: ignore[arg-type]
                 if data:
                     self.pointer = data[0] & 0x7F
                     for value in data[1:]:
@@ -350,7 +350,7 @@ class EmulatedBus:
         if self.sda_low:
             self._spend(self.timeout_ns)
             raise OSError(errno.ETIMEDOUT, "Connection timed out")
-        sent = sum(1 + (int(what) if reads else len(what)) for reads, what in messages)  # type: ignore[arg-type]
+        sent = sum(1 + (int(data) if reads else len(data)) for reads, data in messages)  # type: ignore[arg-type]
         fault = self.faults.popleft() if self.faults else 0
         if fault:
             self._spend(self.timeout_ns if fault == errno.ETIMEDOUT else int(9e9 / self.bus_hz))

@@ -51,10 +51,10 @@ class Machine:
         Path(self.bed.get_root_dir(), "dev/input", f"event{number}").unlink()
 
 
-def answered(_handler, client, what) -> bool:
+def answered(_handler, client, reply) -> bool:
     """One call; the emulator's OSError becomes the client's errno."""
     try:
-        client.complete(what(client), 0)
+        client.complete(reply(client), 0)
     except OSError as error:
         client.complete(-1, error.errno)
     return True

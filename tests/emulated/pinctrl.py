@@ -38,10 +38,10 @@ def levels(lines: dict) -> tuple[int, int]:
     return int(not (pulled[0] or chip[0])), int(not (pulled[1] or chip[1]))
 
 
-def change(lines: dict, pin: str, what: str, value: object) -> None:
+def change(lines: dict, pin: str, key: str, value: object) -> None:
     """One register is written, and the chip sees what that does to the lines."""
     sda, scl = levels(lines)
-    lines[what][pin] = value
+    lines[key][pin] = value
     lines["driven_high"] += any(lines["function"][p] == "op" and lines["level"][p] for p in ("2", "3"))
     now_sda, now_scl = levels(lines)
     if scl and now_scl and sda != now_sda:
@@ -131,9 +131,9 @@ class Lines:
         part.write_text(json.dumps(lines))
         os.replace(part, self.path)
 
-    def put(self, **what) -> None:
+    def put(self, **values) -> None:
         """Changes them from outside."""
-        self.write({**self.read(), **what})
+        self.write({**self.read(), **values})
 
     def fails(self, kind: str, verb: str = "set", after: int = 0, times: int = 1) -> None:
         """So many calls of this verb, after so many good ones."""

@@ -77,7 +77,7 @@ class OnPty:
                 data = os.read(self.master, 4096)
                 with self.lock:
                     arrived_s = self.uno.write(data)
-                if any(isinstance(one.frame, Drive) for one in self._decoder.feed(data)):
+                if any(isinstance(frame.frame, Drive) for frame in self._decoder.feed(data)):
                     self._heard_s = arrived_s
             with self.lock:
                 self.uno.run_until(time.monotonic() - self._begun)

@@ -40,7 +40,7 @@ def preparing(monkeypatch):
 
     def begin(act):
         load = service_module.unpacked
-        monkeypatch.setattr(service_module, "unpacked", lambda *what: (act(), load(*what))[1])
+        monkeypatch.setattr(service_module, "unpacked", lambda *args: (act(), load(*args))[1])
 
     return begin
 
@@ -61,7 +61,7 @@ def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service
     service.folder.parent.write_text("no folder")
     service.take(spin(), True, "mine")
     looked(service, robot, 3)
-    done = [one for one in service.messages if one["is"] == "done"][-1]
+    done = [message for message in service.messages if message["is"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
     assert "Type: ls -ld" in text(done["why"])
     assert service.machine.state is DoorState.READY
@@ -246,7 +246,7 @@ def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_ag
 
 def test_nothing_piles_up_while_it_stands(service, robot):
     service.tell = lambda message: None
-    ours = [  # the clocks keep windows of some seconds, which are not full yet
+    filters = [  # the clocks keep windows of some seconds, which are not full yet
         tracemalloc.Filter(True, f"*/baqueano/{part}.py")
         for part in ("worlds/robot", "robot/service/service", "robot/service/health", "robot/imu/watch")
     ]
@@ -254,9 +254,9 @@ def test_nothing_piles_up_while_it_stands(service, robot):
     tracemalloc.start()
     try:
         looked(service, robot, looks)
-        before = tracemalloc.take_snapshot().filter_traces(ours)
+        before = tracemalloc.take_snapshot().filter_traces(filters)
         looked(service, robot, looks)
-        after = tracemalloc.take_snapshot().filter_traces(ours)
+        after = tracemalloc.take_snapshot().filter_traces(filters)
     finally:
         tracemalloc.stop()
     grown = sum(difference.size_diff for difference in after.compare_to(before, "filename"))

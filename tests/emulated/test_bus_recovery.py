@@ -24,7 +24,7 @@ def lines(tmp_path, monkeypatch):
     """`lines(bits)`: a chip on two lines."""
     monkeypatch.setattr(bus_recovery, "CALL_S", 60.0)
     monkeypatch.setattr(bus_recovery, "ALL_S", 600.0)
-    return lambda bits, **what: on_path(tmp_path, monkeypatch, bits, **what)
+    return lambda bits, **options: on_path(tmp_path, monkeypatch, bits, **options)
 
 
 def hold(robot, pins):

@@ -135,15 +135,17 @@ def test_a_vehicle_in_somebodys_hands_is_not_driven(robot, bench):
         calibrate(bench)
 
 
-@pytest.mark.parametrize("what", ["imu", "uno"])
-def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench, what):
+@pytest.mark.parametrize("fault", ["imu", "uno"])
+def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench, fault):
     bench.uno.arm()
     bench.hold(0.6, -0.6, 0.2)
-    if what == "imu":
+    if fault == "imu":
         robot.chip.frozen = True
     else:
         robot.board.reset()
-    with pytest.raises(SafetyStop, match="the IMU does not answer" if what == "imu" else "the Uno was reset"):
+    with pytest.raises(
+        SafetyStop, match="the IMU does not answer" if fault == "imu" else "the Uno was reset"
+    ):
         bench.hold(0.6, -0.6, 5.0)
     robot.wait(0.05)
     assert not robot.board.moving
@@ -155,19 +157,19 @@ MINE = Settings(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("what", ["imu", "uno", "ctrl-c"])
-def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, bench, what):
+@pytest.mark.parametrize("end_by", ["imu", "uno", "ctrl-c"])
+def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, bench, end_by):
     robot.uno.keep(MINE, robot.wait)
     texts = []
 
     def say(text):
         texts.append(text)
         if text.startswith("which motor"):
-            if what == "ctrl-c":
+            if end_by == "ctrl-c":
                 raise KeyboardInterrupt
-            robot.board.reset() if what == "uno" else setattr(robot.chip, "frozen", True)
+            robot.board.reset() if end_by == "uno" else setattr(robot.chip, "frozen", True)
 
-    with pytest.raises(KeyboardInterrupt if what == "ctrl-c" else SafetyStop):
+    with pytest.raises(KeyboardInterrupt if end_by == "ctrl-c" else SafetyStop):
         calibrate(bench, say)
     assert robot.uno.settings(robot.wait) == MINE
     assert texts[-1] == "the Uno keeps its old settings"

@@ -114,13 +114,13 @@ def looked_at(robot, seconds=2.0):
 
 
 def test_what_is_damaged_on_its_way_to_the_uno_is_counted_there_and_reported_here(robot):
-    line, there = BadLine(robot, seed=1), robot.board.info().bad_crc
+    line, bad_before = BadLine(robot, seed=1), robot.board.info().bad_crc
     line.noise = 0.001
     check = looked_at(robot, 8.0)["frames to the Uno"]
     sent, damaged, *rest = counted(check)
     assert sent >= 800
     assert damaged / sent == pytest.approx(0.016, abs=0.008)  # 1 - 0.999¹⁶
-    assert 0 <= robot.board.info().bad_crc - there - damaged <= 1, "the last may be in no telemetry yet"
+    assert 0 <= robot.board.info().bad_crc - bad_before - damaged <= 1, "the last may be in no telemetry yet"
     assert rest == [0, 0, 0]
     assert f"({100 * damaged / sent:.1f} %)" in check.figure
     assert check.verdict == "warn"

@@ -56,8 +56,10 @@ def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_movin
         "from baqueano.controllers import PdFeedforward\n\nsomebody_stops_it()  # a library that loads for long\n"
     )
     looked(service, robot, 5)
-    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"})
-    done, run = drive(service, packed(what, vehicle_file.load("small")))
+    mission = Mission(
+        "repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"}
+    )
+    done, run = drive(service, packed(mission, vehicle_file.load("small")))
     assert messages[0]["state"] == DoorState.MISSION
     assert messages[1] == {"is": "heard", "do": "stop"}
     assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")

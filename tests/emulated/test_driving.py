@@ -22,10 +22,10 @@ HAND_NS = 20_000_000  # between set-points, as door/remote.py sends them
 class Driver:
     """A cockpit, and the door between it and the service, in the time of the vehicle."""
 
-    def __init__(self, robot, service, terminal, **how):
+    def __init__(self, robot, service, terminal, **options):
         self.robot, self.service, self.terminal = robot, service, terminal
         self.cockpit = Cockpit(
-            np.array([1.0, 0.0, 1.0]), terminal, now=self.now, sleep=lambda s: self.wait(s), **how
+            np.array([1.0, 0.0, 1.0]), terminal, now=self.now, sleep=lambda s: self.wait(s), **options
         )
         self.begun_ns, self.said_ns, self.script = 0, 0, []
 
@@ -59,7 +59,7 @@ class Driver:
 
     def drives(self, *script):
         """The run of a drive in which these things are done at their times [s]."""
-        self.script = sorted(script, key=lambda what: what[0])
+        self.script = sorted(script, key=lambda step: step[0])
         self.service.operator.hold(self)
         self.service.healthy = self.each_tick
         with self.cockpit:
@@ -81,7 +81,7 @@ def driver(firmware, monkeypatch, tmp_path):
     for _ in range(5):
         service.idle()
         robot.wait(0.05)
-    yield lambda terminal, **how: Driver(robot, service, terminal, **how)
+    yield lambda terminal, **options: Driver(robot, service, terminal, **options)
     robot.close()
 
 

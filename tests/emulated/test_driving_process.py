@@ -62,8 +62,8 @@ def test_a_key_drives_the_firmware_and_a_mark_is_in_the_run_that_comes_back(scre
             time.sleep(0.3)
             screen.type(b"\x1b[113u")
         code = screen.ends()
-        why, run = ended(service[1], tmp_path / "there")
-        assert code == 0 or (stalled(run, live.lost_s - lost_s) and time.monotonic() < end), why
+        reason, run = ended(service[1], tmp_path / "there")
+        assert code == 0 or (stalled(run, live.lost_s - lost_s) and time.monotonic() < end), reason
     assert re.search(rb"vehicle \d+ ms", screen.output)
     assert len(marks_of(run)) == 1
     back = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: int(path.stem))

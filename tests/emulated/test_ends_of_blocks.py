@@ -74,8 +74,10 @@ def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
         "import sys\nclass Mine:\n    @property\n    def laps(self):\n        sys.exit(2)\n\n    def init(self):\n"
         "        return 0\n\n    def step(self, state, estimate):\n        return state\n"
     )
-    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"})
-    done, _ = drive(service, packed(what, vehicle_file.load("small")))
+    mission = Mission(
+        "repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"}
+    )
+    done, _ = drive(service, packed(mission, vehicle_file.load("small")))
     assert (done["why"].code, done["code"]) == ("block.raised-outside", 1)
     assert done["why"].figures == {"place": "mine.py line 5", "error": "SystemExit: 2"}
 

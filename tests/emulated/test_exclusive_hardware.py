@@ -117,25 +117,25 @@ class Calibrating:
             self.process.kill()
 
 
-@pytest.mark.parametrize("how", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
-def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_what_it_kept(firmware, how):
-    mine = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
+@pytest.mark.parametrize("end_by", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
+def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_what_it_kept(firmware, end_by):
+    settings = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
     with on_pty(firmware) as live:
         with connected(live.path) as uno:
-            uno.keep(mine)
+            uno.keep(settings)
         work = Calibrating(live)
         try:
             work.lets_go()
-            if how == "ssh ends":
+            if end_by == "ssh ends":
                 work.process.stdin.close()
-            elif how != "Wi-Fi ends":
-                work.process.send_signal(how)
+            elif end_by != "Wi-Fi ends":
+                work.process.send_signal(end_by)
             output = work.process.stderr.read().decode()
             assert work.process.wait(60.0) == 130
         finally:
             work.close()
         assert not live.moving()
         assert "the Uno keeps its old settings" in output
-        assert ("the connection to the user is gone" in output) == (how in ("ssh ends", "Wi-Fi ends"))
+        assert ("the connection to the user is gone" in output) == (end_by in ("ssh ends", "Wi-Fi ends"))
         with connected(live.path) as uno:
-            assert uno.settings() == mine
+            assert uno.settings() == settings

@@ -64,9 +64,9 @@ def test_r6_a_hang_is_reported_through_the_boot_loader_which_hides_its_cause(new
     uno.hang()
     uno.run(0.15)
     assert uno.off_since() - hung <= 0.15
-    again = uno.info()
-    assert again.reset_cause == ResetCause.WARM | ResetCause.HUNG
-    assert again.nonce != first.nonce
+    after = uno.info()
+    assert after.reset_cause == ResetCause.WARM | ResetCause.HUNG
+    assert after.nonce != first.nonce
 
 
 def test_r1_motors_are_off_while_the_boot_loader_runs(new_uno, optiboot):

@@ -26,8 +26,8 @@ TICKS_MS = 20.0  # a stop waits for the next tick, and its command for the line
 @contextmanager
 def moving(service):
     """Somebody at the door of a vehicle that moves; it begins again where the machine stalls before."""
-    what = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
-    mission, begun = packed(what, service.file).json(), False
+    experiment = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
+    mission, begun = packed(experiment, service.file).json(), False
     for _ in range(5):
         with reached(str(service.door)) as remote:
             ready(remote)

@@ -160,8 +160,8 @@ def machine():
         return made[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for device in made:
+        device.close()
 
 
 def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_file(machine):

@@ -246,6 +246,6 @@ def test_a_file_that_is_not_an_emulated_bus_is_left_to_the_kernel(monkeypatch, t
     from tests.emulated.i2c_ioctl import Bench
 
     Bench(monkeypatch, tmp_path)
-    with (tmp_path / "other").open("w") as other, pytest.raises(OSError, match="ioctl") as refused:
-        fcntl.ioctl(other.fileno(), I2C_SLAVE, 0x68)
+    with (tmp_path / "other").open("w") as stream, pytest.raises(OSError, match="ioctl") as refused:
+        fcntl.ioctl(stream.fileno(), I2C_SLAVE, 0x68)
     assert refused.value.errno == errno.ENOTTY

@@ -47,8 +47,8 @@ def test_the_start_waits_for_nothing_of_a_laptop_and_no_tick_for_an_import(firmw
                     remote.say(do="stop", why="enough was seen")
 
             for mission in missions:
-                what = packed(mission, service.file)
-                taken(remote, what, tmp_path / f"{mission.kind}.mcap", progress=enough)
+                packed_mission = packed(mission, service.file)
+                taken(remote, packed_mission, tmp_path / f"{mission.kind}.mcap", progress=enough)
     at_ready, *drives = map(json.loads, log.read_text(encoding="utf-8").splitlines())
     assert "baqueano.drive.session" in at_ready["ready"]
     assert not set(NOT_AT_THE_START) & set(at_ready["ready"])
@@ -64,9 +64,9 @@ def test_only_the_loop_and_the_ear_of_the_uno_have_their_priority(firmware, tmp_
         idle = policies(service)
         with reached(str(service.door)) as remote:
             driving = []
-            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             path = tmp_path / "run.mcap"
-            taken(remote, what, path, progress=lambda t_s: driving.append(policies(service)))
+            taken(remote, mission, path, progress=lambda t_s: driving.append(policies(service)))
     most = max(driving, key=len)
     assert idle == [os.SCHED_OTHER] + [os.SCHED_FIFO] * 2  # the door
     assert most == [os.SCHED_OTHER] * 2 + [os.SCHED_FIFO] * 2  # the door and the run's writer
@@ -87,8 +87,8 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
         printed = (tmp_path / "said.txt").read_text()
         idle = service.memory_mb()
         with reached(str(service.door)) as remote:
-            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
-            run = driven(remote, what, service.live, tmp_path / "here")
+            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+            run = driven(remote, mission, service.live, tmp_path / "here")
         after = service.memory_mb()
         assert "WATCHDOG=1" in service.notifications
     assert ("memory locked" in printed) == (idle["VmLck"] > 0.0)
@@ -101,8 +101,8 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
 
 def test_an_imu_that_does_not_answer_at_the_start_is_reported_and_found_later(firmware, tmp_path):
     with running(firmware, tmp_path, unheard=4) as service, reached(str(service.door)) as remote:
-        what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
-        run = driven(remote, what, service.live, tmp_path / "here")
+        mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+        run = driven(remote, mission, service.live, tmp_path / "here")
     printed = (tmp_path / "said.txt").read_text()
     assert printed.count("no IMU: No IMU answers at 0x68") == 1
     assert printed.count("the IMU answers now") == 1

@@ -59,8 +59,8 @@ def machine():
         return made[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for pad_machine in made:
+        pad_machine.close()
 
 
 @pytest.fixture
@@ -70,9 +70,9 @@ def drive(machine, tmp_path, monkeypatch):
 
     screens = []
 
-    def begin(one, run):
+    def begin(pad_machine, run):
         with monkeypatch.context() as patch:
-            for name, value in one.environment.items():
+            for name, value in pad_machine.environment.items():
                 patch.setenv(name, value)
             screens.append(Terminal(tmp_path, "drive", "--vehicle", "small", "--pad", "-o", run))
         return screens[-1]

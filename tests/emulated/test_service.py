@@ -30,9 +30,9 @@ def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robo
     assert done["why"] == TEACHER
     assert service.machine.state is DoorState.STOPPED
     assert run.duration_s < 1.7
-    again, _ = drive(service, spin())
-    assert again["why"] == TEACHER
-    assert again["run"] is None
+    second, _ = drive(service, spin())
+    assert second["why"] == TEACHER
+    assert second["run"] is None
     service.operator.clear_requested = True
     for _ in range(3):
         service.idle()
@@ -99,9 +99,9 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
         "class Mine:\n    def init(self):\n        return 0\n\n"
         "    def step(self, state, reference, estimate):\n        return 1 / 0\n"
     )
-    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
-    what = packed(what, vehicle_file.load("small"))
-    done, _ = drive(service, what)
+    mission = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
+    mission = packed(mission, vehicle_file.load("small"))
+    done, _ = drive(service, mission)
     assert done["why"].code == StopReason.BLOCK_RAISED
     assert done["why"].figures["block"].startswith("controller Mine (")
     assert "mine.py:6" in done["why"].figures["block"]

@@ -48,8 +48,8 @@ def test_r16_a_boot_that_is_cut_short_does_not_bring_an_old_nonce_back(uno):
 
 def test_r16_fw4_a_command_with_another_nonce_is_counted_and_ignored(uno):
     uno.hold(300, 300, 0.1)
-    for other in range(1, 256, 5):
-        uno.send(Drive((uno.nonce() + other) & 0xFF, 900, 900, ARM))
+    for nonce in range(1, 256, 5):
+        uno.send(Drive((uno.nonce() + nonce) & 0xFF, 900, 900, ARM))
         uno.run(0.003)
     assert uno.duty(0) == pytest.approx(0.3)
     state = uno.state()

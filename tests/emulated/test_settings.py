@@ -55,14 +55,14 @@ def test_r15_an_uno_without_settings_has_those_of_the_factory_and_says_so(uno):
     assert uno.state().flags & StateFlag.FACTORY
 
 
-@pytest.mark.parametrize("how", ["reset", "power", "another part with the same EEPROM"])
-def test_r15_settings_outlive(uno, new_uno, how):
+@pytest.mark.parametrize("end_by", ["reset", "power", "another part with the same EEPROM"])
+def test_r15_settings_outlive(uno, new_uno, end_by):
     store(uno)
     assert not uno.state().flags & StateFlag.FACTORY
-    if how == "reset":
+    if end_by == "reset":
         uno.reset(ResetCause.EXTERNAL)
         uno.run(0.02)
-    elif how == "power":
+    elif end_by == "power":
         uno.power_cycle()
         uno.run(0.02)
     else:
@@ -101,9 +101,9 @@ def test_r15_a_damaged_byte_in_eeprom_makes_none_of_them_believed(new_uno, uno, 
     store(uno)
     eeprom = bytearray(uno.eeprom())
     eeprom[AT_SETTINGS + place] ^= 0x10
-    other = new_uno(eeprom=bytes(eeprom))
-    assert settings_of(other) == Settings()
-    assert other.state().flags & StateFlag.FACTORY
+    second = new_uno(eeprom=bytes(eeprom))
+    assert settings_of(second) == Settings()
+    assert second.state().flags & StateFlag.FACTORY
 
 
 def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
@@ -113,13 +113,13 @@ def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
     before = uno.eeprom()
     outcomes = set()
     for cut_ms in range(0, 160, 12):
-        other = new_uno(eeprom=before)
-        arrived = other.send(OURS)
-        other.run_until(arrived + cut_ms * 1e-3)
-        other.power_cycle()
-        other.run(0.02)
-        settings = settings_of(other)
-        factory = bool(other.state().flags & StateFlag.FACTORY)
+        second = new_uno(eeprom=before)
+        arrived = second.send(OURS)
+        second.run_until(arrived + cut_ms * 1e-3)
+        second.power_cycle()
+        second.run(0.02)
+        settings = settings_of(second)
+        factory = bool(second.state().flags & StateFlag.FACTORY)
         assert (settings, factory) in [(first, False), (Settings(), True), (OURS, False)], (
             f"cut after {cut_ms} ms"
         )
@@ -196,11 +196,11 @@ def test_r15_settings_that_were_stored_thousands_of_times_still_hold(uno):
     """Bytes that do not change are not written: boots and settings wear only the cells that differ."""
     chance = random.Random(4)
     for _ in range(5):
-        ours = OURS._replace(kick_ms=chance.randint(0, 100))
-        store(uno, ours)
+        settings = OURS._replace(kick_ms=chance.randint(0, 100))
+        store(uno, settings)
         uno.reset(ResetCause.EXTERNAL)
         assert uno.next_frame(Info, 0.1).boots
-        assert settings_of(uno) == ours
+        assert settings_of(uno) == settings
 
 
 def test_a_drive_flag_means_the_same_on_both_sides():

@@ -134,13 +134,13 @@ def test_while_a_motor_runs_nothing_is_stored(verb, live):
                 for flags, duty in ((DriveFlag.ARM, 0), (DriveFlag.ARM, 400)):
                     live.uno.drive(duty, duty, flags)
 
-    other = threading.Thread(target=somebody_else)
-    other.start()
+    thread = threading.Thread(target=somebody_else)
+    thread.start()
     try:
         code, _, err = verb("--bridge", "tb6612")
     finally:
         done.set()
-        other.join()
+        thread.join()
     assert code == 1
     assert "a motor runs (left +" in err
     assert "expected both at rest. Nothing was stored." in err
@@ -181,9 +181,9 @@ def test_a_service_that_drives_is_not_stopped_for_it(verb, tmp_path, monkeypatch
 
 def test_at_a_host_the_same_is_typed_there_and_its_table_is_shown_here(verb, live, tmp_path, monkeypatch):
     """ssh is a shell here, which starts the real command line."""
-    there = tmp_path / "vehicle.toml"
-    vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(there)
-    monkeypatch.setattr("baqueano.robot.VEHICLE", str(there))
+    vehicle_toml = tmp_path / "vehicle.toml"
+    vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(vehicle_toml)
+    monkeypatch.setattr("baqueano.robot.VEHICLE", str(vehicle_toml))
     scripts = {
         "ssh": 'for last; do :; done; exec sh -c "$last"',
         "baqueano": f'echo "$*" >>{tmp_path}/calls; exec {sys.executable} -m baqueano "$@"',

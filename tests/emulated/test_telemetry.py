@@ -200,12 +200,12 @@ def test_r23_glitches_and_an_open_pin_count_nothing(uno, new_uno):
         uno.set_mark(False, uno.t_s + 0.03 * k + 0.9e-3)
     uno.run(1.0)
     assert uno.state().mark_count == 0
-    other = new_uno()
-    other.set_mark(True)
-    other.power_cycle()
-    other.run(0.5)
-    assert other.state().mark_count == 0
-    assert other.state().flags & StateFlag.ON_MARK
+    second = new_uno()
+    second.set_mark(True)
+    second.power_cycle()
+    second.run(0.5)
+    assert second.state().mark_count == 0
+    assert second.state().flags & StateFlag.ON_MARK
 
 
 def test_r23_a_sensor_that_is_low_over_the_tape_is_a_setting(uno):

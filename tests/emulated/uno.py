@@ -250,12 +250,12 @@ class EmulatedUno:
         n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
         return [
             Output(
-                one.cycle / self.hz,
-                (one.pwm[0], one.pwm[1]) if one.driven else (0.0, 0.0),
-                ((one.inputs[0][0], one.inputs[0][1]), (one.inputs[1][0], one.inputs[1][1])),
-                one.standby,
+                level.cycle / self.hz,
+                (level.pwm[0], level.pwm[1]) if level.driven else (0.0, 0.0),
+                ((level.inputs[0][0], level.inputs[0][1]), (level.inputs[1][0], level.inputs[1][1])),
+                level.standby,
             )
-            for one in levels[:n]
+            for level in levels[:n]
         ]
 
     def forget_outputs(self) -> None:
@@ -264,10 +264,13 @@ class EmulatedUno:
     def output(self) -> Output:
         """The motor pins now."""
         n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
-        one = levels[n - 1]
-        inputs = ((one.inputs[0][0], one.inputs[0][1]), (one.inputs[1][0], one.inputs[1][1]))
+        level = levels[n - 1]
+        inputs = ((level.inputs[0][0], level.inputs[0][1]), (level.inputs[1][0], level.inputs[1][1]))
         return Output(
-            one.cycle / self.hz, (one.pwm[0], one.pwm[1]) if one.driven else (0.0, 0.0), inputs, one.standby
+            level.cycle / self.hz,
+            (level.pwm[0], level.pwm[1]) if level.driven else (0.0, 0.0),
+            inputs,
+            level.standby,
         )
 
     def duty(self, channel: int) -> float:
@@ -353,9 +356,9 @@ class EmulatedUno:
         self.lib.rig_ram_read(self.rig, at, memory, n)
         return memory
 
-    def _put(self, what: int, place: int, value: int, at_s: float | None) -> None:
+    def _put(self, kind: int, place: int, value: int, at_s: float | None) -> None:
         cycle = round((self.t_s if at_s is None else at_s) * self.hz)
-        self.lib.rig_put(self.rig, cycle, what, place, value)
+        self.lib.rig_put(self.rig, cycle, kind, place, value)
 
 
 def hex_chunks(path: Path) -> Iterator[tuple[int, bytes]]:

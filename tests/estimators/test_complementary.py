@@ -122,13 +122,13 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
     n, start = 400, np.array([3.0, -2.0, 2.9])
     nu = np.tile([0.2, 0.0, 0.8], (n, 1))
     z = {"imu": of_motion(nu, 0.0 * nu), "odometer": 1.02 * nu[:, :1]}
-    _, here = through(blended(ODOMETER), np.zeros((n, 3)), z)
-    _, there = through(blended(ODOMETER), np.zeros((n, 3)), z, start)
-    moved = np.array([compose(start, eta) for eta in here.eta])
-    np.testing.assert_allclose(there.eta[:, :2], moved[:, :2], atol=1e-12)
-    np.testing.assert_allclose(wrap(there.eta[:, 2] - moved[:, 2]), 0.0, atol=1e-12)
-    assert np.all(np.abs(there.eta[:, 2]) <= np.pi)
-    assert np.min(there.eta[:, 2]) < -3.0
+    _, original = through(blended(ODOMETER), np.zeros((n, 3)), z)
+    _, moved_estimate = through(blended(ODOMETER), np.zeros((n, 3)), z, start)
+    moved = np.array([compose(start, eta) for eta in original.eta])
+    np.testing.assert_allclose(moved_estimate.eta[:, :2], moved[:, :2], atol=1e-12)
+    np.testing.assert_allclose(wrap(moved_estimate.eta[:, 2] - moved[:, 2]), 0.0, atol=1e-12)
+    assert np.all(np.abs(moved_estimate.eta[:, 2]) <= np.pi)
+    assert np.min(moved_estimate.eta[:, 2]) < -3.0
 
 
 def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():

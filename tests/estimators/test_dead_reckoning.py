@@ -111,8 +111,8 @@ def test_the_covariance_is_that_of_a_monte_carlo(speed):
         errors.append([*(truth - belief.mean[:3])[:2], wrap(truth[2] - belief.mean[2])])
     low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], runs) / runs
     variances = np.mean(np.square(errors), axis=0) / np.diag(belief.cov)[:3]
-    for what, k in WHERE.items():
-        assert low < variances[k] < high, f"{what}: {variances[k]:.3f} of the claimed variance"
+    for quantity, k in WHERE.items():
+        assert low < variances[k] < high, f"{quantity}: {variances[k]:.3f} of the claimed variance"
 
 
 def test_without_wheels_it_is_the_models_speed_with_the_models_doubt():
@@ -253,15 +253,15 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate(turn):
     nu, _ = driven(n, 1e9)
     ticks = ticks_of(reckon, {"imu": np.column_stack([0 * nu[1:, :2], nu[1:, 2]]), "odometer": nu[1:, :1]})
     kernel = kernel_of(reckon)
-    here, _ = kernel.run(ticks, carry=reckon.init())
-    there, _ = kernel.run(ticks, carry=reckon.init(eta=start))
-    moved = compose(start, here.mean[:3])
-    np.testing.assert_allclose(there.mean[:2], moved[:2], atol=1e-12)
-    assert abs(wrap(there.mean[2] - moved[2])) < 1e-12
-    assert abs(there.mean[2]) <= np.pi
+    original, _ = kernel.run(ticks, carry=reckon.init())
+    moved_estimate, _ = kernel.run(ticks, carry=reckon.init(eta=start))
+    moved = compose(start, original.mean[:3])
+    np.testing.assert_allclose(moved_estimate.mean[:2], moved[:2], atol=1e-12)
+    assert abs(wrap(moved_estimate.mean[2] - moved[2])) < 1e-12
+    assert abs(moved_estimate.mean[2]) <= np.pi
     J = np.eye(9)
     J[:3, :3] = map_from_body(turn)
-    np.testing.assert_allclose(there.cov, J @ here.cov @ J.T, atol=1e-12)
+    np.testing.assert_allclose(moved_estimate.cov, J @ original.cov @ J.T, atol=1e-12)
 
 
 def test_heading_crosses_pi_between_two_ticks_without_a_jump():

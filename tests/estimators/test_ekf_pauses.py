@@ -128,16 +128,16 @@ def test_beyond_a_second_the_mean_is_held_and_the_covariance_grows(name, call):
     step = getattr(
         ekf(name).block if name == "car" else ekf(name), call
     )  # hundreds of rows: one as it is written
-    one, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
-    np.testing.assert_array_equal(two.mean, one.mean)
-    np.testing.assert_array_equal(ten.mean, one.mean)
-    spread = [np.diag(b.cov)[:6] for b in (one, two, ten)]
+    after_1_ms, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
+    np.testing.assert_array_equal(two.mean, after_1_ms.mean)
+    np.testing.assert_array_equal(ten.mean, after_1_ms.mean)
+    spread = [np.diag(b.cov)[:6] for b in (after_1_ms, two, ten)]
     assert np.all(spread[1] > spread[0])
     assert np.all(spread[2] > spread[1])
     way = np.hypot(*ten.mean[3:5]) * 8.9
     assert np.sqrt(ten.cov[0, 0]) > way, "it may have gone on as it went"
-    near = driven(name, range(1010, 2001, 10), belief) if call == "step" else one
-    np.testing.assert_allclose(one.mean, near.mean, rtol=0.0, atol=1e-3)
+    near = driven(name, range(1010, 2001, 10), belief) if call == "step" else after_1_ms
+    np.testing.assert_allclose(after_1_ms.mean, near.mean, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", GARAGE)
@@ -170,8 +170,8 @@ def test_a_million_ticks_of_ten_seconds_overflow_nothing(name):
 @pytest.mark.parametrize("name", GARAGE)
 def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
     belief = ekf(name).init()
-    for one in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
-        belief, estimate = ekf(name, backend).step(belief, one)
+    for each_tick in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
+        belief, estimate = ekf(name, backend).step(belief, each_tick)
         assert sound(belief.mean, belief.cov)
         assert sound(estimate.nu, estimate.cov)
 
@@ -179,12 +179,14 @@ def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(nam
 @pytest.mark.parametrize("name", GARAGE)
 def test_back_ends_agree_over_pauses(name):
     belief = ekf(name).init()
-    for one in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
-        belief, *others = (ekf(name, backend).step(belief, one)[0] for backend in ("c", "numpy", "python"))
+    for each_tick in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
+        belief, *beliefs = (
+            ekf(name, backend).step(belief, each_tick)[0] for backend in ("c", "numpy", "python")
+        )
         std = np.sqrt(np.diag(belief.cov))
-        for other in others:
-            np.testing.assert_allclose(other.mean, belief.mean, rtol=1e-12, atol=1e-12)
-            correlation = (other.cov - belief.cov) / np.outer(std, std)
+        for second in beliefs:
+            np.testing.assert_allclose(second.mean, belief.mean, rtol=1e-12, atol=1e-12)
+            correlation = (second.cov - belief.cov) / np.outer(std, std)
             np.testing.assert_allclose(correlation, 0.0, atol=1e-12)
 
 
@@ -198,8 +200,8 @@ def test_a_scan_over_split_ticks_gives_what_the_steps_give(name):
         ekf(name).init(),
         1e-12 if len(ekf(name).init().mean) == 9 else 1e-11,
     )  # 9: the paper's state
-    for k, one in zip(at, each(ticks), strict=True):
-        belief, _ = ekf(name).step(belief, one)
+    for k, each_tick in zip(at, each(ticks), strict=True):
+        belief, _ = ekf(name).step(belief, each_tick)
         np.testing.assert_allclose(mean[k], belief.mean, rtol=rtol, atol=rtol)
         np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=rtol)
 

@@ -68,33 +68,33 @@ def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
     y, S = out.innovation, out.innovation_cov
     refused = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
     health = Health()
-    reasons = [bool(health.check(int(t), Estimate(*one))) for t, *one in zip(t_ns, *out, strict=True)]
+    reasons = [bool(health.check(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)]
     at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refused, reasons)]
     return Seen(out.nu - run.truth.nu, refused, *at)
 
 
-def broken(run: Run, how: str) -> np.ndarray:
+def broken(run: Run, fault: str) -> np.ndarray:
     """What the run's IMU says, broken from 8 s to 11 s."""
     z, random = run.sensors["imu"].z.copy(), np.random.default_rng(6)
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
-    if how == "stuck":
+    if fault == "stuck":
         z[at] = z[np.argmax(at)]
-    elif how == "shaken":
+    elif fault == "shaken":
         z[at] += random.normal(size=(int(np.sum(at)), 3)) * [3.0, 3.0, 1.0]
     else:
-        z[at] += {"gyro": [0.0, 0.0, 2.0], "ramp of 6 degrees": [1.0, 0.0, 0.0]}[how]
+        z[at] += {"gyro": [0.0, 0.0, 2.0], "ramp of 6 degrees": [1.0, 0.0, 0.0]}[fault]
     return z
 
 
-@pytest.mark.parametrize("how", ["stuck", "shaken", "gyro", "ramp of 6 degrees"])
-def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_reported(kernel, run, how):
+@pytest.mark.parametrize("fault", ["stuck", "shaken", "gyro", "ramp of 6 degrees"])
+def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_reported(kernel, run, fault):
     """The bounds are twice the largest errors of an IMU that is whole. The gyro's gate is wide, for real cars turn as
     no model foretells: one that is shaken by 200 σ may move the yaw rate by 4."""
-    whole, s = consequence(kernel, run), consequence(kernel, run, broken(run, how))
+    whole, s = consequence(kernel, run), consequence(kernel, run, broken(run, fault))
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
     assert np.mean(s.refused[at]) > 0.5
     assert not np.any(s.refused[~at])
-    times = np.array([2.0, 2.0, 4.0 if how == "shaken" else 2.0])
+    times = np.array([2.0, 2.0, 4.0 if fault == "shaken" else 2.0])
     assert np.all(np.max(np.abs(s.error), axis=0) < times * np.max(np.abs(whole.error), axis=0))
     assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + TOLD_S
 

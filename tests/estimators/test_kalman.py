@@ -30,17 +30,24 @@ def test_prediction_and_correction_are_those_of_filterpy():
     filterpy = pytest.importorskip("filterpy.kalman")
     P, y, H, Q = _case(1)
     F, R = np.random.default_rng(2).normal(size=(6, 6)), 0.1 * np.eye(6)
-    theirs = filterpy.KalmanFilter(6, 3)
-    theirs.x, theirs.P, theirs.F, theirs.Q, theirs.H, theirs.R = np.ones(6), P.copy(), F, R, H, Q
-    theirs.predict()
+    reference = filterpy.KalmanFilter(6, 3)
+    reference.x, reference.P, reference.F, reference.Q, reference.H, reference.R = (
+        np.ones(6),
+        P.copy(),
+        F,
+        R,
+        H,
+        Q,
+    )
+    reference.predict()
     ahead = predict(Gaussian(np.ones(6), P), lambda x: F @ x, R)
-    assert ahead.mean == pytest.approx(theirs.x)
-    assert ahead.cov == pytest.approx(theirs.P)
-    theirs.update(H @ theirs.x + y)
+    assert ahead.mean == pytest.approx(reference.x)
+    assert ahead.cov == pytest.approx(reference.P)
+    reference.update(H @ reference.x + y)
     correction = correct(ahead.cov, y, H, Q)
-    assert ahead.mean + correction.move == pytest.approx(theirs.x)
-    assert correction.cov == pytest.approx(theirs.P)
-    assert log_likelihood(correction) - 1.5 * np.log(2.0 * np.pi) == pytest.approx(theirs.log_likelihood)
+    assert ahead.mean + correction.move == pytest.approx(reference.x)
+    assert correction.cov == pytest.approx(reference.P)
+    assert log_likelihood(correction) - 1.5 * np.log(2.0 * np.pi) == pytest.approx(reference.log_likelihood)
 
 
 def test_es3_covariance_stays_positive_where_a_measurement_is_almost_exact():
@@ -62,8 +69,8 @@ def test_a_considered_state_never_moves_and_its_uncertainty_counts():
     x = rng.normal(size=(200_000, 2)) * np.sqrt(np.diag(P))
     z = x @ H[0] + np.sqrt(Q[0]) * rng.normal(size=len(x))
     gain = correct(P, np.array([1.0]), H, Q, estimated).move
-    left = x - z[:, None] * gain
-    assert correction.cov == pytest.approx(np.cov(left.T), abs=0.01)
+    errors = x - z[:, None] * gain
+    assert correction.cov == pytest.approx(np.cov(errors.T), abs=0.01)
 
 
 def test_a_weight_is_more_noise():

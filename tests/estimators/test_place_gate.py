@@ -34,12 +34,12 @@ def after(belief, seconds, place=None, u=(0.3, 0.0, 0.0)):
     for k in range(round(100 * seconds)):
         last = k == round(100 * seconds) - 1 and place is not None
         t_ns = int(belief.t_ns) + 10_000_000 if belief.t_ns >= 0 else 10_000_000
-        tag = Slot(1.0, where(belief, t_ns, u)[:2] + place) if last else Slot(0.0, np.zeros(2))
+        tag = Slot(1.0, position(belief, t_ns, u)[:2] + place) if last else Slot(0.0, np.zeros(2))
         belief, _ = ekf().step(belief, Tick(t_ns, np.array(u), BOTH(Slot(1.0, np.zeros(3)), tag)))
     return belief
 
 
-def where(belief, t_ns, u):
+def position(belief, t_ns, u):
     """Return its belief one tick later."""
     quiet = BOTH(Slot(1.0, np.zeros(3)), Slot(0.0, np.zeros(2)))
     return ekf().step(belief, Tick(t_ns, np.array(u), quiet))[0].mean
@@ -47,8 +47,8 @@ def where(belief, t_ns, u):
 
 def moved_by(belief, seconds, place):
     """(2,) by which a reading moves the belief, and that belief."""
-    there = after(belief, seconds, place)
-    return there.mean[:2] - after(belief, seconds).mean[:2], there
+    posterior = after(belief, seconds, place)
+    return posterior.mean[:2] - after(belief, seconds).mean[:2], posterior
 
 
 @pytest.fixture(scope="module")
@@ -57,15 +57,15 @@ def driving():
 
 
 def test_a_tag_that_agrees_is_believed(driving):
-    moved, there = moved_by(driving, LATER, np.array([0.02, 0.0]))
+    moved, posterior = moved_by(driving, LATER, np.array([0.02, 0.0]))
     assert moved == pytest.approx([0.02, 0.0], abs=1e-3)
-    assert np.sqrt(there.cov[0, 0]) == pytest.approx(0.01, rel=0.1)
+    assert np.sqrt(posterior.cov[0, 0]) == pytest.approx(0.01, rel=0.1)
 
 
 def test_a_tag_that_is_taken_for_another_moves_nothing_though_one_of_its_numbers_agrees(driving):
-    moved, there = moved_by(driving, LATER, np.array([2.0, 0.005]))
+    moved, posterior = moved_by(driving, LATER, np.array([2.0, 0.005]))
     assert moved == pytest.approx(np.zeros(2), abs=1e-3)
-    assert there.cov == pytest.approx(after(driving, LATER).cov, rel=0.01, abs=1e-6)
+    assert posterior.cov == pytest.approx(after(driving, LATER).cov, rel=0.01, abs=1e-6)
 
 
 def test_two_mistakes_in_a_row_move_nothing_widen_nothing_and_the_next_right_one_is_believed(driving):

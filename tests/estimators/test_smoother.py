@@ -149,7 +149,7 @@ def test_a_camera_at_the_end_corrects_the_way_there_across_pi(kind):
     truth, ticks = circle(n, 63, start)
     block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
     mean, cov = smooth(block, block.init(eta=start), ticks, "python")
-    alone, _ = smooth(block, block.init(eta=start), blind(ticks), "python")
+    unsmoothed, _ = smooth(block, block.init(eta=start), blind(ticks), "python")
 
     def rms(x):
         return np.sqrt(np.mean(wrap(x[:, 2] - truth[:, 2]) ** 2)), np.sqrt(
@@ -159,7 +159,7 @@ def test_a_camera_at_the_end_corrects_the_way_there_across_pi(kind):
     assert np.all(np.abs(mean[:, 2]) <= np.pi)
     assert np.min(mean[:, 2]) < -3.0
     assert np.max(np.abs(wrap(np.diff(mean[:, 2])))) < 0.1
-    assert rms(mean)[1] < 0.7 * rms(alone)[1]
+    assert rms(mean)[1] < 0.7 * rms(unsmoothed)[1]
     e = mean[:, :6] - truth[:, :6]
     e[:, 2] = wrap(e[:, 2])
     nees = np.einsum("ki,ki->k", e, np.linalg.solve(cov[:, :6, :6], e[:, :, None])[:, :, 0])
@@ -174,11 +174,11 @@ def blind(ticks):
 def test_moving_and_turning_the_map_moves_and_turns_what_is_smoothed():
     _, ticks = circle(60, 64, np.zeros(3))
     block, start = Ekf(SMALL, SENSORS, NOISE), np.array([3.0, -2.0, 2.9])
-    here, _ = smooth(block, block.init(), ticks, "python")
-    there, _ = smooth(block, block.init(eta=start), ticks, "python")
-    moved_poses = np.array([compose(start, eta) for eta in here[:, :3]])
-    np.testing.assert_allclose(there[:, :2], moved_poses[:, :2], atol=1e-9)
-    np.testing.assert_allclose(wrap(there[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-9)
+    original, _ = smooth(block, block.init(), ticks, "python")
+    moved_estimate, _ = smooth(block, block.init(eta=start), ticks, "python")
+    moved_poses = np.array([compose(start, eta) for eta in original[:, :3]])
+    np.testing.assert_allclose(moved_estimate[:, :2], moved_poses[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap(moved_estimate[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-9)
 
 
 def test_only_a_kalman_filter_can_be_smoothed():

@@ -58,7 +58,7 @@ def filterpys(x, P):
         m[2] = np.arctan2(weights @ np.sin(points[:, 2]), weights @ np.cos(points[:, 2]))
         return m
 
-    def apart(a, b):
+    def difference(a, b):
         d = a - b
         d[2] = wrap(d[2])
         return d
@@ -66,8 +66,8 @@ def filterpys(x, P):
     def h(x):
         return IMU.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2)))
 
-    points = JulierSigmaPoints(9, kappa=0.0, subtract=apart)
-    ukf = UnscentedKalmanFilter(9, 3, 0.01, h, g, points, x_mean_fn=mean, residual_x=apart)
+    points = JulierSigmaPoints(9, kappa=0.0, subtract=difference)
+    ukf = UnscentedKalmanFilter(9, 3, 0.01, h, g, points, x_mean_fn=mean, residual_x=difference)
     ukf.x, ukf.P, ukf.R = x.copy(), P.copy(), IMU.cov
     return ukf, before
 
@@ -167,10 +167,10 @@ def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_paramet
 def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
     start = np.array([3.0, -2.0, 3.1])
     block = compiled(Unscented(SMALL, Sensors(IMU), R), "python")
-    here, there = block.init(), block.init(eta=start)
+    original, moved_belief = block.init(), block.init(eta=start)
     for tick in circle(60):
-        here, a = block.step(here, tick)
-        there, b = block.step(there, tick)
+        original, a = block.step(original, tick)
+        moved_belief, b = block.step(moved_belief, tick)
         np.testing.assert_allclose(b.nu, a.nu, atol=1e-4)  # the points turn with the map
         moved = compose(start, a.eta)
         np.testing.assert_allclose(b.eta[:2], moved[:2], atol=1e-5)

@@ -110,7 +110,7 @@ def mcap(folder: Path) -> Iterator[Callable[[int], object]]:
         run = read_run(path)
         if not run.notes and run != wholes[k]:
             raise Silent("the run differs from its original, and its notes are empty")
-        lost = {one.code for one in run.notes} & {
+        lost = {note.code for note in run.notes} & {
             "run.vehicle-file-lost", "run.damaged", "run.damaged-often", "run.not-closed",
         }  # fmt: skip
         if run.vehicle_text != wholes[k].vehicle_text and (run.vehicle_text or not lost):
@@ -230,7 +230,7 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
                 mission = Mission.of_json(damaged_text(generator.choice(missions), generator, ","))
                 numbers = [mission.u] if mission.u is not None else []
                 numbers += list(mission.route[:3]) if mission.route is not None else []
-                if not all(np.all(np.isfinite(one)) for one in numbers):
+                if not all(np.all(np.isfinite(column)) for column in numbers):
                     raise Silent("a mission with numbers that are not finite")
                 return mission.json()
         word = dict(generator.choice(WORDS))

@@ -38,7 +38,7 @@ class Judged:
         """Return the counts in a line, and below them the findings."""
         head = f"{self.values} values, {sum(self.errors.values())} errors of {len(self.errors)} codes"
         lines = [f"{head}, slowest {self.slowest_s:.2f} s"]
-        lines += [f"{len(at)} × {what}; inputs {at[:SHOWN]}" for what, at in self.findings.items()]
+        lines += [f"{len(at)} × {name}; inputs {at[:SHOWN]}" for name, at in self.findings.items()]
         return "\n".join(lines)
 
 
@@ -76,7 +76,7 @@ def judge(read: Callable[[int], object], numbers: Iterable[int]) -> Judged:
                 outcome.findings.setdefault(f"an error without a code: {error!r}", []).append(number)
         except (Exception, Hang) as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
-            what = f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
-            outcome.findings.setdefault(what if not isinstance(error, Hang) else "hang", []).append(number)
+            cause = f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
+            outcome.findings.setdefault(cause if not isinstance(error, Hang) else "hang", []).append(number)
         outcome.slowest_s = max(outcome.slowest_s, time.perf_counter() - begun)
     return outcome

@@ -38,14 +38,14 @@ LETTERS = (
 )
 
 
-def damaged_bytes(original: bytes, draw: random.Random, others: tuple[bytes, ...] = ()) -> bytes:
+def damaged_bytes(original: bytes, draw: random.Random, originals: tuple[bytes, ...] = ()) -> bytes:
     """Return the bytes after one to four damages."""
     data = bytearray(original)
     for _ in range(draw.choice((1, 1, 1, 2, 3, 4))):
         _BYTES[draw.randrange(len(_BYTES))](data, draw)
-    if others and draw.random() < 0.05:  # two files joined in the middle
-        other, at = draw.choice(others), draw.randrange(len(data) + 1)
-        data[at:] = other[draw.randrange(len(other)) :]
+    if originals and draw.random() < 0.05:  # two files joined in the middle
+        second, at = draw.choice(originals), draw.randrange(len(data) + 1)
+        data[at:] = second[draw.randrange(len(second)) :]
     return bytes(data)
 
 
@@ -150,8 +150,8 @@ def _word(text: str, draw: random.Random, end: str) -> str:
     if not pieces:
         return text
     begin, stop = draw.choice(pieces)
-    other = draw.choice(pieces)
-    word = text[other[0] : other[1]] if draw.random() < 0.5 else text[begin : stop - 1]
+    piece = draw.choice(pieces)
+    word = text[piece[0] : piece[1]] if draw.random() < 0.5 else text[begin : stop - 1]
     return text[:begin] + word + text[stop:]
 
 

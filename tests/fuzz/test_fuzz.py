@@ -48,10 +48,10 @@ def test_a_damaged_input_is_an_error_of_ours_or_a_value(name, tmp_path, monkeypa
     with FORMATS[name](tmp_path) as read:
         outcome = judge(read, numbers())
     print(f"{name}: {outcome.table}")
-    assert not outcome.findings, f"{name}: {outcome.table}\n{again(name, outcome)}"
+    assert not outcome.findings, f"{name}: {outcome.table}\n{repeat_line(name, outcome)}"
 
 
-def again(name, outcome):
+def repeat_line(name, outcome):
     """Return the lines that judge the first input of each finding alone."""
     test = f"pytest tests/fuzz/test_fuzz.py -k 'damaged and {name}'"
     return "\n".join(
@@ -62,7 +62,7 @@ def again(name, outcome):
 
 def test_a_finding_is_judged_again_by_what_is_typed(monkeypatch):
     outcome = Judged(findings={"hang": [17, 30]})
-    (line,) = again("csv", outcome).splitlines()
+    (line,) = repeat_line("csv", outcome).splitlines()
     assert f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ=17:18 pytest" in line
     monkeypatch.setenv("BAQUEANO_FUZZ", "17:18")
     assert list(numbers()) == [17]

@@ -58,7 +58,7 @@ def test_a_time_that_64_bits_do_not_hold_is_not_known(imported, time):
         runs = imported(of_log=("\n20,", f"\n{time},"))
     except FileError:
         return
-    assert all(one.run.duration_s < 1.0 for one in runs)
+    assert all(imported.run.duration_s < 1.0 for imported in runs)
 
 
 def test_wraps_so_small_that_nothing_is_known_of_the_count(imported):
@@ -71,7 +71,7 @@ def test_a_pose_at_the_end_of_the_world_takes_no_memory():
     eta[:, 0] = 0.01 * np.arange(50)
     eta[20, 0] = 1e15
     truth = TruthLog(20_000_000 * np.arange(50), eta, eta, eta)
-    assert [one.kind for one in course_and_heading(truth)] in ([], ["unit"])
+    assert [doubt.kind for doubt in course_and_heading(truth)] in ([], ["unit"])
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,13 @@ ROUTE = circle(0.5, 0.2)
 
 
 def driven(guide, ticks, requests=None):
-    state, out, here = guide.init(), [], ROUTE.eta[0]
+    state, out, pose = guide.init(), [], ROUTE.eta[0]
     for k in range(ticks):
         if requests and k in requests:
             guide.want("holder", requests[k])
-        state, reference = guide.step(state, at(here, k))
+        state, reference = guide.step(state, at(pose, k))
         out.append(reference)
-        here = reference.eta
+        pose = reference.eta
     return out
 
 

@@ -124,8 +124,8 @@ class Without:
 
 @pytest.mark.parametrize("guide", [Plain(), Slotted(), Repeat.along(LINE), SinuousCircle()])
 def test_a_guide_of_any_class_is_given_its_laps_and_stays_as_it_is(guide):
-    other = with_laps(guide, 3)
-    assert (type(other), other.laps, guide.laps) == (type(guide), 3, 1)
+    repeated = with_laps(guide, 3)
+    assert (type(repeated), repeated.laps, guide.laps) == (type(guide), 3, 1)
     assert with_laps(guide, 1) is guide
 
 

@@ -72,8 +72,8 @@ def test_it_comes_back_to_a_vehicle_that_was_pushed_back_and_goes_on():
 
 def test_it_catches_up_with_a_vehicle_that_was_put_in_front():
     guide, ahead = RepeatByProgress.along(circle(1.0, 0.2)), 0.4
-    there = np.array([np.sin(ahead), 1.0 - np.cos(ahead), ahead])
-    references = driven(guide, lambda k, _: there, 150)
+    pose = np.array([np.sin(ahead), 1.0 - np.cos(ahead), ahead])
+    references = driven(guide, lambda k, _: pose, 150)
     assert references[-1].eta[2] > 0.9 * 0.2 * 150 * DT
     assert max(r.nu[0] for r in references) == pytest.approx(0.2 * guide.fastest)
 
@@ -103,9 +103,9 @@ def test_compiled_and_as_written_it_gives_the_same_reference():
     state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
     plain = guide.step(state, now)[1]
     for backend in ("c", "python"):
-        other = function(guide.step, state, now, backend=backend)(state, now)[1]
-        np.testing.assert_allclose(other.eta, plain.eta, rtol=1e-12)
-        np.testing.assert_allclose(other.nu, plain.nu, rtol=1e-12)
+        compiled = function(guide.step, state, now, backend=backend)(state, now)[1]
+        np.testing.assert_allclose(compiled.eta, plain.eta, rtol=1e-12)
+        np.testing.assert_allclose(compiled.nu, plain.nu, rtol=1e-12)
 
 
 class LookAtAll(RepeatByProgress):
@@ -123,10 +123,12 @@ def test_points_out_of_reach_need_not_be_looked_at(shape, closed):
     route, random = shape._replace(closed=closed), np.random.default_rng(0)
     near, every = (kind.along(route, 2) for kind in (RepeatByProgress, LookAtAll))
     for _ in range(100):
-        beside = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
+        pose = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
         state = near.init()._replace(t_ns=20_000_000, tau_s=random.uniform(0.0, (1 + closed) * route.t_s[-1]))
-        (mine, reference), (other, expected) = (guide.step(state, at(beside, 3)) for guide in (near, every))
-        assert mine.tau_s == pytest.approx(other.tau_s, abs=1e-12)
+        (near_state, reference), (full_state, expected) = (
+            guide.step(state, at(pose, 3)) for guide in (near, every)
+        )
+        assert near_state.tau_s == pytest.approx(full_state.tau_s, abs=1e-12)
         np.testing.assert_allclose(reference.eta, expected.eta, atol=1e-12)
         np.testing.assert_allclose(reference.nu, expected.nu, atol=1e-12)
 

@@ -27,7 +27,7 @@ def fit():
 
 
 @pytest.fixture(scope="module")
-def alone(fit):
+def imu_filter(fit):
     """What the run of the fit tells of the noise, without another."""
     return measure_noise(*fit)
 
@@ -36,27 +36,27 @@ def variance(noise):
     return noise.in_motion[GYRO[0]][GYRO[1], GYRO[1]]
 
 
-def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, alone):
+def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, imu_filter):
     checked = measure_noise(*fit, held_out=[driven(40.0, 2)])
-    assert alone.accepted is None
+    assert imu_filter.accepted is None
     assert checked.accepted is not None
     assert not checked.accepted.disagrees
     assert checked.accepted.message.code == "noise.holds-simulated"
     assert "heading: " in checked.accepted.message.figures["nees"]
     assert text(checked.accepted.message) in checked.table()
-    assert variance(checked) == pytest.approx(variance(alone))
+    assert variance(checked) == pytest.approx(variance(imu_filter))
 
 
-def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, alone):
+def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, imu_filter):
     """A gyro that scatters five times as far as on the day of the fit."""
     noisy = driven(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     checked = measure_noise(*fit, held_out=[noisy])
     assert checked.accepted is not None
     assert checked.accepted.message.code in ("noise.found-again", "noise.still-off")
     assert "imu[2]" in checked.accepted.message.figures["nis"]
-    alone = measure_noise(*fit)
+    imu_filter = measure_noise(*fit)
     assert variance(checked) + np.sum(checked.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
-        variance(alone) + np.sum(alone.fields["velocity_walk_std"][2] ** 2)
+        variance(imu_filter) + np.sum(imu_filter.fields["velocity_walk_std"][2] ** 2)
     )
     assert checked.verdict == ("WARN" if checked.accepted.disagrees else "USABLE")
 
@@ -89,6 +89,6 @@ def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(f
      (np.nan, np.nan, "cannot tell")],
 )  # fmt: skip
 def test_only_what_chance_does_not_explain_disagrees(low, high, verdict):
-    one = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
-    assert one.verdict == verdict
-    assert one.disagrees == verdict.startswith("too")
+    square = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
+    assert square.verdict == verdict
+    assert square.disagrees == verdict.startswith("too")

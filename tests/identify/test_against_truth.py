@@ -98,8 +98,8 @@ def test_the_file_takes_the_scales_and_says_where_they_come_from(assumed_file, d
     file = fit.updated(assumed_file)
     assert file.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
     assert file.provenance["sensors.odometer.scale"].run == run.name
-    again = {row["name"]: row for row in calibrate(run, file).rows()}
-    assert again["sensors.imu.gyro_scale"]["in_file"] == pytest.approx(fit.value("sensors.imu.gyro_scale"))
+    second = {row["name"]: row for row in calibrate(run, file).rows()}
+    assert second["sensors.imu.gyro_scale"]["in_file"] == pytest.approx(fit.value("sensors.imu.gyro_scale"))
 
 
 def test_without_a_gyro_the_odometer_finds_the_clock(assumed_file, drive):
@@ -122,7 +122,7 @@ def test_a_car_that_hardly_turns_is_a_doubt(assumed_file):
     u = random_steps([0.5, 0.0], 60.0, assumed_file.rate_hz, 0)
     fit = calibrate(filmed(simulate(assumed_file, u, 0), 0), assumed_file)
     assert fit.verdict == "WARN"
-    assert "calibration.turn-more" in [one.code for one in fit.reasons]
+    assert "calibration.turn-more" in [reason.code for reason in fit.reasons]
 
 
 def test_without_a_truth_that_is_reported_with_what_to_do(assumed_file, drive):

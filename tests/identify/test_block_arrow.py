@@ -99,11 +99,11 @@ def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
         bounds = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
         return minimise(evaluate, np.ones(layout.size), *bounds, tolerance=1e-18)
 
-    one, other = of(places_of(layout)), of(None)
-    assert one.converged
-    assert other.converged
-    np.testing.assert_allclose(one.theta, other.theta, atol=1e-8)
-    assert np.all(one.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
+    arrow, dense = of(places_of(layout)), of(None)
+    assert arrow.converged
+    assert dense.converged
+    np.testing.assert_allclose(arrow.theta, dense.theta, atol=1e-8)
+    assert np.all(arrow.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
 
 
 def test_few_pieces_are_solved_at_once():

@@ -49,10 +49,10 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
         block = (np.cumsum(record.dt_s) // BLOCK_S).astype(int)
         edges = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
         for first, last in pairwise(edges):
-            x, here = d[first:last].reshape(-1, len(index)), r[first:last].ravel()
+            x, residual = d[first:last].reshape(-1, len(index)), r[first:last].ravel()
             g, without = np.zeros(problem.size), (1.0 + LEAST) * info.bread
-            g[index] = np.clip(here, -HUBER, HUBER) @ x
-            x = x[np.abs(here) < HUBER]
+            g[index] = np.clip(residual, -HUBER, HUBER) @ x
+            x = x[np.abs(residual) < HUBER]
             without[np.ix_(index, index)] -= x.T @ x
             moves.append(np.linalg.solve(without[np.ix_(identifiable, identifiable)], g[identifiable]))
     off = np.array(moves) - np.mean(moves, axis=0)
@@ -68,7 +68,7 @@ def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_
     problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
     choices = [no_smaller(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
-    assert all(np.array_equal(one, cov) for one in choices)
+    assert all(np.array_equal(choice, cov) for choice in choices)
     wide = no_smaller(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third is a run's own
     np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)

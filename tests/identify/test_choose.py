@@ -90,12 +90,12 @@ def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(cho
 
 
 def test_each_choice_is_a_sentence_with_its_figures(choice):
-    taken = next(one.message for one in choice.judged if one.term.name == "dry friction")
+    taken = next(judgement.message for judgement in choice.judged if judgement.term.name == "dry friction")
     assert (taken.code, taken.figures["channel"]) == ("choose.taken", "speed")
     assert taken.figures["errors"] > taken.figures["needed"]
-    left = [one for one in choice.judged if one.verdict == "left out"]
-    assert left
-    assert {one.message.code for one in left} <= {"choose.left-out", "choose.left-out-for"}
+    rejected = [judgement for judgement in choice.judged if judgement.verdict == "left out"]
+    assert rejected
+    assert {judgement.message.code for judgement in rejected} <= {"choose.left-out", "choose.left-out-for"}
     assert "A vehicle without such terms gets one at most that often" in choice.table()
 
 
@@ -128,9 +128,9 @@ def test_a_term_at_its_bound_is_refused(dry, file):
     limit = {"model.coulomb_m_s2": (0.0, 0.1)}
     choice = choose(drive(dry, 0), file, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
     assert choice.taken == ()
-    (message,) = (one.message for one in choice.judged)
-    why = message.figures["why"]
-    assert (message.code, why.code, why.subject) == (
+    (message,) = (judgement.message for judgement in choice.judged)
+    cause = message.figures["why"]
+    assert (message.code, cause.code, cause.subject) == (
         "choose.refused",
         "bound.high-held",
         "model.coulomb_m_s2",
@@ -171,8 +171,8 @@ def test_no_run_is_not_a_choice(file):
 def scores(loss):
     """A model with these losses (B,) of blocks of ten measurements each."""
     loss = np.asarray(loss, float)[:, None]
-    zero, one = np.zeros(1), np.ones(1)
-    return Score(loss, np.full(loss.shape, 10.0), zero, one, np.zeros((5, 1)), one)
+    zero, unit = np.zeros(1), np.ones(1)
+    return Score(loss, np.full(loss.shape, 10.0), zero, unit, np.zeros((5, 1)), unit)
 
 
 def test_the_rule_is_a_t_test_on_the_logarithm_of_each_blocks_error():
@@ -186,9 +186,9 @@ def test_the_rule_is_a_t_test_on_the_logarithm_of_each_blocks_error():
 
 
 def test_blocks_in_which_nothing_moves_have_no_say():
-    moving, still = np.full(10, 10.0), np.array([1e-9, 1e-6] * 5)
+    moving, resting = np.full(10, 10.0), np.array([1e-9, 1e-6] * 5)
     comparison = paired(
-        scores(np.concatenate([moving, still])), scores(np.concatenate([moving, still[::-1]]))
+        scores(np.concatenate([moving, resting])), scores(np.concatenate([moving, resting[::-1]]))
     )
     assert abs(comparison.gain) < 1e-5
 
@@ -238,8 +238,8 @@ def test_what_choosing_does_not_go_with_is_reported(in_a_folder, capsys):
 def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, file):
     """Fitted to a car with dry friction: it is taken where held-out runs have it too, and not where they have none."""
     choices = [
-        choose(drive(dry, 0, 20.0), file, ["dry friction"], use=USE, held_out=[drive(other, 1, 20.0)])
-        for other in (dry, bare)
+        choose(drive(dry, 0, 20.0), file, ["dry friction"], use=USE, held_out=[drive(truth, 1, 20.0)])
+        for truth in (dry, bare)
     ]
     assert [choice.taken for choice in choices] == [("dry friction",), ()]
     assert "tested by its simulation of the 1 held-out runs (10 blocks of about 2.0 s)" in choices[0].rule
@@ -267,7 +267,9 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, file, effect, f
     battery = Channel(run.t_ns, run.t_ns, volts[:, None])
     run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
     judged = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
-    judgement = next(one for one in judged if one.term.name == "battery voltage")
+    judgement = next(
+        term_judgement for term_judgement in judged if term_judgement.term.name == "battery voltage"
+    )
     assert judgement.verdict == verdict, judgement.message
     if verdict == "refused":
         assert (judgement.message.code, judgement.why.code) == (

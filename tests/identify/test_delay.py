@@ -70,12 +70,14 @@ def test_a_delay_that_the_fit_has_not_is_reported_with_the_line_that_frees_it_an
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)
-    late = [one for one in fit.reasons if one.code == "residual.missing-free"]
-    assert ("term.delay", f"--free +{DELAY}") in [(one.figures["what"].code, one.fix) for one in late]
+    late = [reason for reason in fit.reasons if reason.code == "residual.missing-free"]
+    assert ("term.delay", f"--free +{DELAY}") in [
+        (reason.figures["what"].code, reason.fix) for reason in late
+    ]
     freed = identify(run, small, [f"+{DELAY}"])
     assert freed.names == (*fit.names, DELAY)
     assert freed.value(DELAY) == pytest.approx(0.04, abs=1e-3)
-    assert not any(one.figures.get("term") == "delay" for one in freed.reasons)
+    assert not any(reason.figures.get("term") == "delay" for reason in freed.reasons)
 
 
 def test_as_many_evaluations_are_reported_as_were_made(monkeypatch):

@@ -50,9 +50,9 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
-    first, same, other = (designed(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
+    first, same, different = (designed(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
     assert np.array_equal(first, same)
-    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, different)
 
 
 def test_a_search_that_is_stopped_plans_with_what_it_has(small, monkeypatch):
@@ -110,9 +110,9 @@ def test_information_is_that_of_differences(small):
     theta, h = informant.nominal, 1e-4 * informant.nominal[k]
     ends = []
     for sign in (-1.0, 1.0):
-        other = theta.copy()
-        other[k] += sign * h
-        ends.append(np.asarray(informant.kernel.run(u, other)[1]))
+        shifted = theta.copy()
+        shifted[k] += sign * h
+        ends.append(np.asarray(informant.kernel.run(u, shifted)[1]))
     slope = (ends[1] - ends[0]) / (2.0 * h) * informant.of.size[k]
     assert F[k, k] == pytest.approx(np.sum(slope**2), rel=1e-4)
 
@@ -204,8 +204,8 @@ def test_a_gentler_piece_turns_less_and_drives_as_fast():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
     np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
-    alone = PieceShape(20, 4, np.array([1.0]))
-    np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), alone).out, GENTLE)
+    plain_shape = PieceShape(20, 4, np.array([1.0]))
+    np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE)
 
 
 def test_a_start_in_the_wall_is_refused():

@@ -63,14 +63,14 @@ def test_error_bars_that_are_reported_are_smaller_after_the_last_round_than_afte
 def test_id14_error_bars_of_each_round_hold_the_vehicle(commissioned, truth):
     """Five or more of 19 intervals of 95 % that are independent miss in 2 of 1,000 fits."""
     rounds, _, _ = commissioned
-    for one in rounds.rounds:
-        true = np.array([truth.value(name) for name in one.fit.names])
-        inside = np.abs(one.fit.estimate - true) < 1.96 * one.fit.sd
-        finite = np.isfinite(one.fit.sd)
+    for design_round in rounds.rounds:
+        true = np.array([truth.value(name) for name in design_round.fit.names])
+        inside = np.abs(design_round.fit.estimate - true) < 1.96 * design_round.fit.sd
+        finite = np.isfinite(design_round.fit.sd)
         assert np.mean(inside[finite]) > 0.75
         assert np.sum(~inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
         for name in SURE:
-            assert 0.0 < one.relative_sd(name) < 0.1, name
+            assert 0.0 < design_round.relative_sd(name) < 0.1, name
 
 
 def test_what_was_found_is_the_vehicle_that_was_driven(commissioned, truth):

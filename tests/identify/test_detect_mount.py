@@ -20,7 +20,7 @@ def with_imu(run, change):
 
 
 def codes(findings):
-    return {one.code for one in findings}
+    return {finding.code for finding in findings}
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -44,7 +44,7 @@ def test_motors_that_are_swapped_are_not_taken_for_an_imu_that_is(case, driven):
     """Everything is explained as it is: only the file says otherwise."""
     run = driven(0, 20.0)
     fit = identify(replace(run, applied=run.applied * [1.0, 1.0, -1.0]), case)
-    assert "model.actuator_matrix[2,2]" in {one.subject for one in fit.reasons}
+    assert "model.actuator_matrix[2,2]" in {reason.subject for reason in fit.reasons}
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 
 
@@ -64,10 +64,10 @@ def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
     blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
     findings = gain_changes.gains(blocks, names, np.array([sideways, turning]), sd)
-    assert [one.code for one in findings] == ["file.lever-arm"]
+    assert [finding.code for finding in findings] == ["file.lever-arm"]
     assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
     findings = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
-    assert [one.code for one in findings] == ["file.swapped"]
+    assert [finding.code for finding in findings] == ["file.swapped"]
 
 
 def test_an_imu_3_cm_off_the_centre_that_its_file_has_at_the_centre_is_not_swapped():

@@ -71,26 +71,26 @@ def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
             np.ones(problem.size - len(end.identifiability.mask), bool),
         ]
     )
-    left = fit_residuals(problem, theta, identifiable)
-    rng, n = np.random.default_rng(0), len(left.run)
-    masks = [np.arange(n) < 0.3 * n, left.run == 1, rng.random(n) < 0.5]
-    assert left.own  # biases
-    for mask, answers in zip(masks, score_test_parts(left, masks), strict=True):
-        there = np.repeat(mask, len(left.psi) // n)
-        for one, other in zip(answers, score_test(left, left.d * there), strict=True):
-            np.testing.assert_allclose(one.size, other.size, rtol=1e-6)
-            np.testing.assert_allclose([one.z, one.freedom], [other.z, other.freedom], rtol=1e-6)
+    residuals = fit_residuals(problem, theta, identifiable)
+    rng, n = np.random.default_rng(0), len(residuals.run)
+    masks = [np.arange(n) < 0.3 * n, residuals.run == 1, rng.random(n) < 0.5]
+    assert residuals.own  # biases
+    for mask, answers in zip(masks, score_test_parts(residuals, masks), strict=True):
+        present = np.repeat(mask, len(residuals.psi) // n)
+        for part, whole in zip(answers, score_test(residuals, residuals.d * present), strict=True):
+            np.testing.assert_allclose(part.size, whole.size, rtol=1e-6)
+            np.testing.assert_allclose([part.z, part.freedom], [whole.z, whole.freedom], rtol=1e-6)
             np.testing.assert_allclose(
-                one.shift, other.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(other.shift))
+                part.shift, whole.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(whole.shift))
             )
 
 
 def test_a_probe_that_ran_away_asks_nothing(end):
     problem, theta = end.task.problem, end.search.solution.theta
-    left = fit_residuals(problem, theta, np.ones(problem.size, bool))
-    D = np.stack([left.d[0] ** 2, np.full(len(left.psi), 1.0)])
+    residuals = fit_residuals(problem, theta, np.ones(problem.size, bool))
+    D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.psi), 1.0)])
     D[1, 50:] = np.inf
-    sound, away = score_test(left, D)
+    sound, away = score_test(residuals, D)
     assert sound.size != 0.0
     assert (away.size, away.z) == (0.0, 0.0)
     assert not away.shift.any()

@@ -26,7 +26,7 @@ def motion(n=4000, seed=0, step=0.0):
 
 
 def codes(findings):
-    return {one.code for one in findings}
+    return {finding.code for finding in findings}
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -21,6 +21,6 @@ def test_a_drag_that_grows_with_the_square_of_the_sideways_acceleration_widens_t
     k = fit.names.index(DRAG)
     off = fit.estimate[k] - float(car_values(car)[DRAG][0])
     assert fit.verdict == "WARN"
-    assert "slip, x" in [one.figures.get("term") for one in fit.reasons]
+    assert "slip, x" in [reason.figures.get("term") for reason in fit.reasons]
     assert abs(off) < 1.96 * fit.sd[k]
     assert np.isfinite(fit.sd[k])

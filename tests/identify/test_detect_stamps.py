@@ -17,7 +17,7 @@ def moved(run, move):
 
 
 def codes(findings):
-    return [one.code for one in findings]
+    return [finding.code for finding in findings]
 
 
 def test_a_sound_run_is_given_back_as_it_is(driven):
@@ -44,14 +44,14 @@ def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off)
     assert findings[0].severity == Severity.INFO
     fit = identify(jump, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    assert [one.figures["jumps"] for one in fit.notes if one.code == "time.jump"] == [1]
+    assert [note.figures["jumps"] for note in fit.notes if note.code == "time.jump"] == [1]
 
 
 def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven):
     run = driven(0, 20.0)
     jumps = moved(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
     pieces, several = check_timestamps(jumps, 100.0)
-    (finding,) = (one for one in several if one.code.startswith("time.jump"))
+    (finding,) = (finding for finding in several if finding.code.startswith("time.jump"))
     assert (finding.code, finding.severity) == ("time.jump-throughout", Severity.ERROR)
     assert len(pieces) == 1
 
@@ -65,9 +65,9 @@ def test_a_clock_in_another_unit_is_refused_by_its_name(driven, case, factor, gu
     wrong = moved(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
     fit = identify(wrong, case)
     assert fit.verdict == "REFUSED"
-    (why,) = (one for one in fit.reasons if one.code == "time.unit")
-    assert why.figures["rate_hz"] == 100.0
-    assert why.figures["guess"].code == f"time.{guess}"
+    (reason,) = (candidate for candidate in fit.reasons if candidate.code == "time.unit")
+    assert reason.figures["rate_hz"] == 100.0
+    assert reason.figures["guess"].code == f"time.{guess}"
 
 
 def test_bursts_are_spread_from_the_end_of_one_to_the_end_of_the_next():

@@ -25,7 +25,7 @@ def u(case):
 
 
 def codes(findings):
-    return {one.code for one in findings}
+    return {finding.code for finding in findings}
 
 
 @pytest.mark.parametrize("kind", ["random_steps", "prbs"])
@@ -48,14 +48,14 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     rough = case.with_values({"model.friction.coulomb": [2.0, 0.0, 180.0]})
     fit = identify(simulate(rough, u, 0), case)
     assert fit.verdict == "WARN"
-    missing = [one for one in fit.reasons if one.code == "residual.missing"]
-    assert "term.dry-friction" in {one.figures["what"].code for one in missing}
+    missing = [reason for reason in fit.reasons if reason.code == "residual.missing"]
+    assert "term.dry-friction" in {reason.figures["what"].code for reason in missing}
 
 
 def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(case, u):
-    other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
+    worn = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     first = simulate(case, u, 0)
-    second = simulate(other, u[1500:], 1, nu0=first.truth.nu[1499])
+    second = simulate(worn, u[1500:], 1, nu0=first.truth.nu[1499])
     z = first.sensors["imu"].z.copy()
     z[1500:] = second.sensors["imu"].z
     mixed = replace(first, sensors={"imu": first.sensors["imu"]._replace(z=z)}, truth=None)
@@ -69,8 +69,8 @@ def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(c
 
 
 def test_of_two_runs_of_two_vehicles_the_difference_is_reported(case, u):
-    other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
-    runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, other))]
+    worn = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
+    runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, worn))]
     fit = identify(runs, case)
     assert fit.verdict == "WARN"
     assert "residual.parts-differ" in codes(fit.reasons)
@@ -85,9 +85,9 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
 
     def look(end):
         problem, theta = end.task.problem, end.search.solution.theta
-        left = fit_residuals(problem, theta, end.identifiability.mask)
+        residuals = fit_residuals(problem, theta, end.identifiability.mask)
         for words, D in term_columns(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
-            scores.update(zip((code for code, _ in words), score_test(left, D), strict=True))
+            scores.update(zip((code for code, _ in words), score_test(residuals, D), strict=True))
         scores["names"], scores["theta"] = problem.shape.shared, theta
 
     from baqueano.identify import prediction_error_fit as module

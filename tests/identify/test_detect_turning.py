@@ -41,8 +41,8 @@ def at_ten_hertz():
 
 def accused(fit):
     """What the reasons say of the gyro's unit, by itself or beside the accelerometer."""
-    both = [one.figures["gyro"] for one in fit.reasons if one.code == physical_units.CURVE]
-    return [*both, *(one for one in fit.reasons if one.code == "gyro.unit")]
+    both = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE]
+    return [*both, *(reason for reason in fit.reasons if reason.code == "gyro.unit")]
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_without_wheels_the_commands_tell(small):
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(with_gyro(run, 1.0 / DEGREES), small)
     assert fit.verdict == "REFUSED"
-    assert "gyro.as-commands" in [one.figures["by"].code for one in accused(fit)]
+    assert "gyro.as-commands" in [reason.figures["by"].code for reason in accused(fit)]
 
 
 @pytest.mark.parametrize("part", [30.0, 57.0])
@@ -104,7 +104,7 @@ def test_a_wheelbase_that_makes_up_for_the_unit_clears_nothing(at_ten_hertz):
     fit = identify(gyro_alone, file, free, options=FitOptions(start={"model.wheelbase_m": 6.0}))
     assert fit.converged
     assert fit.value("model.wheelbase_m") > 5.0
-    assert "gyro.as-commands" in [one.figures["by"].code for one in accused(fit)]
+    assert "gyro.as-commands" in [reason.figures["by"].code for reason in accused(fit)]
 
 
 @pytest.mark.parametrize("guess", [0.5, 1.0, 2.0])
@@ -174,7 +174,9 @@ def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
     run = simulate(file, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     matrix = file.vehicle.actuator_matrix * [1.0, 1.0, 1.0 / 30.0]
     fit = identify(run, file.with_values({"model.actuator_matrix": matrix.tolist()}))
-    assert "model.actuator_matrix[2,2]" in [one.subject for one in fit.reasons if one.code == "file.far-gain"]
+    assert "model.actuator_matrix[2,2]" in [
+        reason.subject for reason in fit.reasons if reason.code == "file.far-gain"
+    ]
     assert not accused(fit)
 
 

@@ -17,12 +17,12 @@ def with_imu(run, change):
 
 
 def reasons(fit):
-    return {one.code: one for one in fit.reasons}
+    return {reason.code: reason for reason in fit.reasons}
 
 
 def guesses(fit):
     """The codes of the units that the reasons guess."""
-    return {one.figures["guess"].code for one in fit.reasons if one.figures.get("guess")}
+    return {reason.figures["guess"].code for reason in fit.reasons if reason.figures.get("guess")}
 
 
 def test_id2_a_gyro_in_degrees_is_refused(driven, case):
@@ -64,7 +64,7 @@ def test_gravity_in_the_plane_is_reported(driven, case):
     fit = identify(with_imu(driven(0, 20.0), upright), case)
     assert fit.verdict != "USABLE"
     (tilted,) = (
-        one for code, one in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
+        reason for code, reason in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
     )
     assert tilted.subject == "imu[1]"
     assert tilted.figures["off_m_s2"] == pytest.approx(9.8, abs=0.01)
@@ -93,7 +93,7 @@ def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_wa
     findings = gain_changes.check_gain_changes(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
-    assert [(one.code, one.subject) for one in findings] == [("file.swapped", "u[0]")]
+    assert [(finding.code, finding.subject) for finding in findings] == [("file.swapped", "u[0]")]
     axes = [findings[0].figures[name].code for name in ("expected", "found")]
     assert axes == ["axis.forward", "axis.sideways"]
 
@@ -138,7 +138,7 @@ def test_a_gain_that_is_half_or_double_that_of_the_file_is_not_a_reason_and_anot
         np.array([times * was]),
         np.array([0.01]),
     )
-    assert [one.code for one in findings] == codes
+    assert [finding.code for finding in findings] == codes
 
 
 def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):

@@ -19,7 +19,7 @@ NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
 )
 def test_few_readings_tell_the_size_of_a_misfit_and_nothing_of_their_own_noise(tags, free):
     ekf = parse(load("small").text + TAGS, "small").estimator(use=("imu", "tags"))
-    paths = {one.path for one in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
+    paths = {parameter.path for parameter in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
     assert {path for path in paths if "[1]" not in path and "[2]" not in path} == set(free)
     assert {"disturbance_std[1]", "disturbance_fade_s[1]", "velocity_walk_std[2]"} <= paths
 

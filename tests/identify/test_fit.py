@@ -102,7 +102,7 @@ def test_id5_one_outlier_in_ten_hardly_matters(case, driven, off):
     assert np.max(np.abs(off(fit, case))) < 4.5
     assert np.nanmax(fit.sd / clean.sd) < 1.35
     assert fit.verdict == "USABLE"
-    assert "outliers.both-sides" in [one.code for one in fit.notes]
+    assert "outliers.both-sides" in [note.code for note in fit.notes]
 
 
 def test_id13_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(case, driven):
@@ -113,7 +113,7 @@ def test_id13_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(
     assert all(fit.value("model.friction.quadratic[0]") >= 0.0 for fit in ends)
     row = next(r for r in at[0].rows() if r["name"] == "model.friction.quadratic[0]")
     assert row["bound"] == "low"
-    assert {"bound.low-held", "bound.low-by-chance"} & {one.code for one in at[0].findings}
+    assert {"bound.low-held", "bound.low-by-chance"} & {finding.code for finding in at[0].findings}
     assert "at its low bound" in at[0].table()
 
 
@@ -139,9 +139,9 @@ def test_two_runs_are_better_than_one_and_keep_their_own_biases(case, driven, of
         name="b",
         sensors={"imu": b.sensors["imu"]._replace(z=b.sensors["imu"].z + np.array([0.5, 0.0, 0.1]))},
     )
-    both, one = identify([a, b], case), identify(a, case)
+    both, single = identify([a, b], case), identify(a, case)
     assert np.max(np.abs(off(both, case))) < 4.5
-    assert np.nanmedian(both.sd / one.sd) == pytest.approx(np.sqrt(0.5), rel=0.2)
+    assert np.nanmedian(both.sd / single.sd) == pytest.approx(np.sqrt(0.5), rel=0.2)
     np.testing.assert_allclose(both.own[:, 2], [0.0, 0.1], atol=5e-3)
 
 
@@ -155,7 +155,7 @@ def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, driven, 
     run = replace(run, sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])})
     fit = identify(run, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    assert "data.not-finite" in [one.code for one in fit.notes]
+    assert "data.not-finite" in [note.code for note in fit.notes]
 
 
 def test_other_back_ends_find_the_same(case, driven):
@@ -195,7 +195,7 @@ def test_the_small_vehicle_with_dead_zones_lag_and_a_caster_is_found(small, off)
     fit = identify(simulate(small, u, 3), small)
     assert np.max(np.abs(off(fit, small))) < 4.5  # coloured by the floor's noise
     assert fit.autocorrelated
-    assert "residual.not-white" in [one.code for one in fit.notes]
+    assert "residual.not-white" in [note.code for note in fit.notes]
     assert fit.verdict in ("USABLE", "WARN")
 
 

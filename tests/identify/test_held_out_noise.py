@@ -36,7 +36,7 @@ def test_a_wrong_covariance_predicts_worse_and_its_nis_says_which_way(truth_fit)
         "too large": replace(noise, process=1e2 * noise.process),
     }
     comparison = compare_noise(fit, {"truth": noise} | wrong, unseen)
-    by_name = {one.name: one for one in comparison.tried}
+    by_name = {tried.name: tried for tried in comparison.tried}
     assert comparison.best == "truth"
     assert abs(by_name["truth"].nis - 1.0) < 0.1
     assert by_name["too large"].consistent == "too careful"
@@ -50,12 +50,12 @@ def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(truth_fit
     from baqueano.drive import replay
 
     fit, noise, unseen = truth_fit
-    again = replay(unseen, noise.updated(fit.vehicle_file))
-    theirs = compare(again, names=["x"]).rows()[0]["nis"]
-    ours = compare_noise(fit, {"truth": noise}, unseen).tried[0]
-    assert ours.nis == pytest.approx(theirs, rel=0.02)
-    assert ours.low < 1.0 + 0.1
-    assert np.isfinite(ours.likelihood)
+    replayed = replay(unseen, noise.updated(fit.vehicle_file))
+    nis_of_replay = compare(replayed, names=["x"]).rows()[0]["nis"]
+    judged_noise = compare_noise(fit, {"truth": noise}, unseen).tried[0]
+    assert judged_noise.nis == pytest.approx(nis_of_replay, rel=0.02)
+    assert judged_noise.low < 1.0 + 0.1
+    assert np.isfinite(judged_noise.likelihood)
 
 
 def test_seen_runs_are_refused(truth_fit):

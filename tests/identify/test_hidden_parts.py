@@ -43,8 +43,8 @@ def test_a_low_pass_that_the_file_does_not_tell_is_not_a_usable_fit(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, FREE)
     assert fit.verdict == "WARN"
-    assert f"--free +{LOW_PASS}" in [one.fix for one in fit.reasons]
-    assert ("delay.sum", "imu") in [(one.code, one.subject) for one in fit.notes]
+    assert f"--free +{LOW_PASS}" in [reason.fix for reason in fit.reasons]
+    assert ("delay.sum", "imu") in [(note.code, note.subject) for note in fit.notes]
     assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # it took the filter for a delay
     assert off(fit, q, DELAY) < 4.0  # and the error bar knows
 
@@ -52,7 +52,7 @@ def test_a_low_pass_that_the_file_does_not_tell_is_not_a_usable_fit(logs):
 def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file.with_values({LOW_PASS: HZ}), FREE)
-    assert not {"residual.missing-free", "delay.sum"} & {one.code for one in fit.findings}
+    assert not {"residual.missing-free", "delay.sum"} & {finding.code for finding in fit.findings}
     assert off(fit, q, DELAY) < 3.0
     assert off(fit, q, LAG) < 3.0
 
@@ -72,11 +72,11 @@ def test_the_setting_of_the_chip_tells_its_filter_and_the_delay_of_it(logs):
 def test_tilt_and_bias_are_a_sum_unless_a_fit_is_asked_to_tell_them_apart(logs):
     _, file, runs = logs
     few = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
-    one, both = (
+    single, both = (
         identify(runs["counts"], file, free, options=FitOptions(diagnose=False))
         for free in (few, [*few, "sensors.imu.tilt_rad"])
     )
-    assert ("bias.tilt-sum", "imu") in [(note.code, note.subject) for note in one.notes]
+    assert ("bias.tilt-sum", "imu") in [(note.code, note.subject) for note in single.notes]
     assert "bias.tilt-sum" not in [finding.code for finding in both.findings]
 
 
@@ -91,7 +91,7 @@ def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
     q, file, runs = logs
     fit = identify(runs["asked"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
-    assert [one.figures["steps"] for one in fit.notes if one.code == "fit.duty-step"] == [255]
+    assert [note.figures["steps"] for note in fit.notes if note.code == "fit.duty-step"] == [255]
     assert off(fit, q, DELAY) < 4.0
 
 

@@ -58,8 +58,8 @@ def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
 
 def test_what_no_imu_can_know_is_reported(fitted):
     _, _, fit = fitted
-    assert "identifiability.gyro-scale" in [one.code for one in fit.never]
-    assert "fit.envelope" in [one.code for one in fit.notes]
+    assert "identifiability.gyro-scale" in [reason.code for reason in fit.never]
+    assert "fit.envelope" in [note.code for note in fit.notes]
 
 
 def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted):
@@ -71,8 +71,8 @@ def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted)
     moved = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
-        other = file.with_values({"sensors.imu.gyro_scale": scale})
-        moved.append(fit_imu_only(run, other, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
+        scaled = file.with_values({"sensors.imu.gyro_scale": scale})
+        moved.append(fit_imu_only(run, scaled, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
     slope = np.abs(moved[0] - moved[1]) / 0.04
     gain = fit.names.index("model.steering_gain")
     assert part[gain] == pytest.approx(slope[gain], rel=0.2)
@@ -130,8 +130,8 @@ def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
     file, run = driven(5, 30.0)
     free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
     first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
-    again = fit_imu_only(run, first.vehicle_file, free)
-    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+    second = fit_imu_only(run, first.vehicle_file, free)
+    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
     assert first.value("model.drivetrain.delay_s") == pytest.approx(
         0.08, abs=3.0 * first.sd[first.names.index(free[-1])]
     )
@@ -164,8 +164,8 @@ def test_what_cannot_be_fitted_by_an_imu_is_reported_so(fitted):
 
 def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
     file, run, fit = fitted
-    again = identify(run, file, LONGITUDINAL + YAW)
-    np.testing.assert_allclose(again.estimate, fit.estimate, rtol=1e-9)
+    by_default = identify(run, file, LONGITUDINAL + YAW)
+    np.testing.assert_allclose(by_default.estimate, fit.estimate, rtol=1e-9)
     assert imu_is_all(file, [run], None, None)
     assert imu_is_all(file, [run], ("imu",), LONGITUDINAL)
     assert not imu_is_all(file, [run], ("imu[2]",), None)
@@ -176,9 +176,9 @@ def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
 
 def test_what_is_asked_for_beside_the_rest_takes_nothing_away():
     file, run = driven(3, 20.0)
-    plain, beside = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
+    plain, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
     assert "model.drivetrain.delay_s" in plain.names
-    assert set(beside.names) == {*plain.names, "model.motor_drag"}
+    assert set(with_drag.names) == {*plain.names, "model.motor_drag"}
 
 
 def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
@@ -198,7 +198,7 @@ def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
     class Asked(Exception):
         pass
 
-    def solver(*args, **how):
+    def solver(*args, **options):
         raise Asked
 
     file, run, _ = fitted
@@ -226,9 +226,9 @@ def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less(
     rng, n = np.random.default_rng(1), 6000
     white = rng.normal(size=(n, 2))
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
-    left = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
+    residuals = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
     has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
-    sigma, profile = profile_of_slow(left, has, v, dt, np.zeros(2))
+    sigma, profile = profile_of_slow(residuals, has, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
     expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over as long as they last
     assert sigma[1] == pytest.approx(expected, rel=0.15)
@@ -238,8 +238,8 @@ def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less(
 def test_noise_that_grows_with_speed_is_weighed_by_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
-    left = [(v * rng.normal(size=n))[:, None]]
-    sigma, profile = profile_of_slow(left, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
+    residuals = [(v * rng.normal(size=n))[:, None]]
+    sigma, profile = profile_of_slow(residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)

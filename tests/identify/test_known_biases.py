@@ -40,7 +40,7 @@ def test_the_file_keeps_the_bias_that_it_knows_better_and_the_fit_says_so(fit):
     assert written.value(PATH) == fit.file.value(PATH)
     assert PATH not in written.provenance
     assert written.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
-    assert ("bias.file-knows-better", PATH) in [(one.code, one.subject) for one in fit.notes]
+    assert ("bias.file-knows-better", PATH) in [(note.code, note.subject) for note in fit.notes]
     assert any(name in written.provenance for name in ("sensors.imu.accel_bias", "model.friction.linear"))
 
 
@@ -50,4 +50,4 @@ def test_a_bias_that_contradicts_the_file_is_written_with_how_well_it_is_known()
     written = fit.vehicle_file
     assert written.value(PATH) == pytest.approx(fit.own[0, k], rel=1e-4)
     assert written.sensors.imu.gyro_bias_std == pytest.approx(fit.own_sd[0, k], rel=1e-2)
-    assert ("bias.contradicts-file", PATH) in [(one.code, one.subject) for one in fit.notes]
+    assert ("bias.contradicts-file", PATH) in [(note.code, note.subject) for note in fit.notes]

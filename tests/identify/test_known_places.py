@@ -138,8 +138,10 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
     }
     assert "truth" not in fit.vehicle_file.text
     assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
-    other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
-    judged = validate(fit, replace(other, name="unseen"))
+    moved_run = with_mark_at(
+        seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad
+    )
+    judged = validate(fit, replace(moved_run, name="unseen"))
     assert judged.verdict == "USABLE", judged.reasons
 
 
@@ -197,7 +199,7 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     )
     assert np.isnan(fit.estimate[fit.names.index(GYRO)])
     assert fit.verdict == "WARN"
-    (scale,) = (one for one in fit.unobservable if one.code == "identifiability.scale")
+    (scale,) = (reason for reason in fit.unobservable if reason.code == "identifiability.scale")
     assert scale.subject == GYRO
     assert "turn it twice on its mark" in text(scale)
 
@@ -291,7 +293,7 @@ def test_what_a_hand_wrote_is_read(line, kind, z, sd):
 
 def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
     _, places = read("end: 1.5 m, -90 °", [Ten("a")])
-    assert [one.kind for one in places] == ["tape", "turned"]
+    assert [place.kind for place in places] == ["tape", "turned"]
     assert places[0].t_ns == 5 + 10_000_000_000
     assert places[1].z == pytest.approx([0.0, -1.0], abs=1e-12)
 

@@ -45,7 +45,7 @@ def test_the_papers_printed_kind_of_matrix_is_lifted_and_reported():
     notes = []
     Q = valid(bad, np.full(3, 1e-8), "Q", notes)
     np.linalg.cholesky(Q)
-    assert [(one.code, one.subject) for one in notes] == [
+    assert [(note.code, note.subject) for note in notes] == [
         ("noise.lifted", "Q"),
         ("noise.correlations-reduced", "Q"),
     ]
@@ -74,8 +74,8 @@ def test_measurement_noise_is_that_of_the_sensor_in_motion_and_at_rest(rested):
     noise = measure_noise(rested[1], rested[0])
     sd = np.sqrt(np.diagonal(noise.in_motion["imu"]))
     np.testing.assert_allclose(sd, [0.1, 0.1, 0.004], rtol=0.08)  # the floor's noise adds a little
-    still = noise.at_rest["imu"]
-    np.testing.assert_allclose(np.sqrt(np.diagonal(still)), [0.1, 0.1, 0.004], rtol=0.2)
+    resting = noise.at_rest["imu"]
+    np.testing.assert_allclose(np.sqrt(np.diagonal(resting)), [0.1, 0.1, 0.004], rtol=0.2)
 
 
 def test_process_noise_from_the_truth_is_what_the_simulation_added(rested, small):
@@ -157,7 +157,7 @@ def test_channels_that_took_no_part_keep_the_noise_of_the_file(rested, small):
     fit = identify(rested[0], small, use=["imu[2]"])
     noise = measure_noise(fit, rested[0], source="truth")
     np.testing.assert_allclose(noise.in_motion["imu"], small.sensors.imu.cov)
-    assert "noise.of-the-file" in [one.code for one in noise.notes]
+    assert "noise.of-the-file" in [note.code for note in noise.notes]
 
 
 def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(rested, small):
@@ -165,7 +165,7 @@ def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(re
     file = small.with_values(silent)
     noise = measure_noise(identify(run, file, use=["imu[2]"]), run, source="truth")
     np.testing.assert_allclose(np.sqrt(np.diagonal(noise.in_motion["imu"])), [0.1, 0.1, 0.004], rtol=0.25)
-    assert ("noise.of-its-rest", "imu[0]") in [(one.code, one.subject) for one in noise.notes]
+    assert ("noise.of-its-rest", "imu[0]") in [(note.code, note.subject) for note in noise.notes]
 
 
 def test_the_noise_of_a_sensor_that_nobody_fitted_is_never_none(rested, small):
@@ -183,8 +183,8 @@ def test_a_channel_that_never_rests_has_the_noise_of_its_steps(small):
     run, notes = simulate(small, u, 1), []
     Q = not_fitted("imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes)
     np.testing.assert_allclose(np.sqrt(np.diagonal(Q)), [0.1, 0.1, 0.004], rtol=0.2)
-    still = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=np.zeros((len(run.t_ns), 3)))})
+    resting = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=np.zeros((len(run.t_ns), 3)))})
     Q = not_fitted(
-        "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [still], notes
+        "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [resting], notes
     )
     assert Q[0, 0] == 1.0

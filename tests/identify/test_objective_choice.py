@@ -22,10 +22,10 @@ def likely(ratio, autocorrelated=False, floor=(0.04, 0.0)):
     return MaximumLikelihood(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
 
 
-def both(*apart, more=-1.0, scatter=1.0, n=31):
+def both(*shifts, more=-1.0, scatter=1.0, n=31):
     """Answers so many errors apart, and n blocks in which that by the innovations costs `more` on average."""
     blocks = more + scatter * np.linspace(-1.0, 1.0, n)
-    return LeftOutBlocks(blocks, 1000.0, np.array(apart), [f"model.mass_kg{k}" for k in range(len(apart))])
+    return LeftOutBlocks(blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))])
 
 
 def test_over_a_still_floor_the_simulation_is_believed():

@@ -21,15 +21,15 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
     assert turning <= unseen(fit)
     assert "friction.linear[0]" not in unseen(fit)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    notes = {one.subject: one for one in fit.unobservable}
+    notes = {note.subject: note for note in fit.unobservable}
     note = notes["model.friction.linear[2]"]
     assert (note.code, note.figures["at"], note.figures["needs"].code) == (
         "identifiability.not",
         500.553,
         "identifiability.needs",
     )
-    still = [one for one in fit.unobservable if one.code == "identifiability.command-still"]
-    (turns,) = (one for one in still if one.figures["command"] == "u_psi")
+    silent = [note for note in fit.unobservable if note.code == "identifiability.command-still"]
+    (turns,) = (note for note in silent if note.figures["command"] == "u_psi")
     assert "actuator_matrix[2,2]" in turns.figures["names"]
     assert fit.verdict in ("WARN", "REFUSED")
 
@@ -68,7 +68,7 @@ def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
     u[0, 0] = 1e-6
     fit = identify(simulate(case, u, 0), case)
     assert fit.verdict == "REFUSED"
-    assert "fit.explains-nothing" in [one.code for one in fit.reasons]
+    assert "fit.explains-nothing" in [reason.code for reason in fit.reasons]
     assert fit.vehicle_file is case  # nothing of it reaches the file
     assert len(fit.channels) == 3  # what was measured is shown all the same
 
@@ -104,7 +104,7 @@ def test_a_weak_parameter_is_kept_and_called_weak(case):
 def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_tell(case):
     fit = identify(simulate(case, excitation("multisine", case.command.limit, 30.0, 100.0, 1), 1), case)
     assert fit.verdict == "WARN"
-    reasons = {one.subject: one for one in fit.reasons}
+    reasons = {reason.subject: reason for reason in fit.reasons}
     near = reasons["model.friction.quadratic[1]"]
     assert near.code == "identifiability.weakly-beside"
     assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
@@ -120,7 +120,7 @@ def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_t
 def test_what_never_moved_sideways_is_reported_of_what_is_held(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
-    note = {one.subject: one for one in fit.unobservable}["model.friction.linear[1]"]
+    note = {reason.subject: reason for reason in fit.unobservable}["model.friction.linear[1]"]
     assert (note.code, note.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
 
 
@@ -135,12 +135,12 @@ def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(
 
 def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_reported(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
-    collinear = [one for one in fit.unobservable if one.code == "identifiability.tied"]
-    named = [f"{one.subject}, {one.figures['others']}" for one in collinear]
+    collinear = [reason for reason in fit.unobservable if reason.code == "identifiability.tied"]
+    named = [f"{reason.subject}, {reason.figures['others']}" for reason in collinear]
     assert any("drivetrain.dead_zone_forward[0]" in names for names in named)
     motion = "forward commands just above the dead zone of the first motor"
     assert any(
         str(figure).startswith(motion)
-        for one in collinear
-        for figure in one.figures["apart"].figures.values()
+        for reason in collinear
+        for figure in reason.figures["apart"].figures.values()
     )

@@ -122,13 +122,13 @@ def test_a_drive_is_designed_for_its_own_parameters(files, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "term", "others"),
+    ("name", "term", "terms"),
     [("servo_axis", "dry friction of the rail", ["dead zone forward"]),
      ("omni_robot", "dry friction of the rollers", [])],
 )  # fmt: skip
-def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term, others):
+def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term, terms):
     run = CASES[name][0](files[name], 0, 13.0)
-    assert choose(run, files[name], [term, *others]).taken == (term,)
+    assert choose(run, files[name], [term, *terms]).taken == (term,)
 
 
 def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
@@ -146,10 +146,10 @@ def test_what_a_run_does_not_show_is_reported_in_the_words_of_its_metadata(files
     assert "slow strokes that stop and turn, many times" in " ".join(texts(fit.findings))
     file, u = files["omni_robot"], random_steps([0.7], 8.0, 100.0, 0) * [1.0, 0.0, -1.0]
     fit = identify(of_omni(file, u=u), file)
-    remedies = texts(one for one in fit.unobservable if one.subject == "model.inertia_kg_m2")
+    remedies = texts(reason for reason in fit.unobservable if reason.subject == "model.inertia_kg_m2")
     assert any("turning on the spot, to and fro" in remedy for remedy in remedies)
     fit = identify(of_omni(file), file, ["+model.mass_kg"], options=FitOptions(diagnose=False))
-    (mass,) = (one for one in fit.unobservable if one.subject == "model.mass_kg")
+    (mass,) = (reason for reason in fit.unobservable if reason.subject == "model.mass_kg")
     assert (mass.code, mass.figures["how"].code) == ("identifiability.tied", "identifiability.by-hand")
 
 
@@ -170,8 +170,8 @@ def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
     """A covariance without motion had no eigenvalues, and `identify` ended with an error."""
     file = files["servo_axis"]
     run = simulate(file, random_steps([12.0], 4.0, file.rate_hz, 0))
-    for one in (run, replace(run, truth=None)):
-        R = measure_noise(fits["servo_axis"], one).process
+    for recording in (run, replace(run, truth=None)):
+        R = measure_noise(fits["servo_axis"], recording).process
         assert np.all(np.linalg.eigvalsh(R) > 0.0)
         assert R[0, 0] > 100.0 * R[1, 1]
 

@@ -35,15 +35,15 @@ def worn(case):
 
 
 def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn):
-    (one,) = worn.moved
-    assert one.name == "model.friction.linear[0]"
-    assert one.how == "step"
-    assert one.between == ("run 4", "run 5")
-    assert (one.after - one.before) / one.before == pytest.approx(0.2, abs=0.03)
-    assert (one.message.code, one.message.subject) == ("over-time.step", "model.friction.linear[0]")
-    assert (one.message.figures["first"], one.message.figures["second"]) == ("run 4", "run 5")
+    (drift,) = worn.moved
+    assert drift.name == "model.friction.linear[0]"
+    assert drift.how == "step"
+    assert drift.between == ("run 4", "run 5")
+    assert (drift.after - drift.before) / drift.before == pytest.approx(0.2, abs=0.03)
+    assert (drift.message.code, drift.message.subject) == ("over-time.step", "model.friction.linear[0]")
+    assert (drift.message.figures["first"], drift.message.figures["second"]) == ("run 4", "run 5")
     assert worn.verdict == "WARN"
-    assert [row["name"] for row in Drift(worn).rows()] == [one.name]
+    assert [row["name"] for row in Drift(worn).rows()] == [drift.name]
 
 
 def test_following_leads_to_what_the_vehicle_is_now(worn, case):
@@ -78,10 +78,10 @@ def test_slow_wear_is_a_drift(case):
         return {"model.friction.linear": (linear * [1.0 + 0.05 * k, 1.0, 1.0]).tolist()}
 
     history = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
-    (one,) = history.moved
-    assert (one.name, one.how) == ("model.friction.linear[0]", "drift")
-    assert one.between == ("run 0", "run 7")
-    assert (one.after - one.before) / one.before == pytest.approx(0.35, abs=0.05)
+    (drift,) = history.moved
+    assert (drift.name, drift.how) == ("model.friction.linear[0]", "drift")
+    assert drift.between == ("run 0", "run 7")
+    assert (drift.after - drift.before) / drift.before == pytest.approx(0.35, abs=0.05)
 
 
 def test_one_run_is_not_a_history(case, driven):
@@ -90,6 +90,6 @@ def test_one_run_is_not_a_history(case, driven):
 
 
 def test_runs_that_tell_nothing_are_named(case, driven):
-    still = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
+    resting = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
     with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
-        parameter_history([driven(0, 10.0), still], case, free=FREE, options=FitOptions(biases=False))
+        parameter_history([driven(0, 10.0), resting], case, free=FREE, options=FitOptions(biases=False))

@@ -211,10 +211,10 @@ def test_the_fitted_floor_and_noise_hold_the_truth_and_a_still_floor_is_ruled_ou
 
 
 def test_on_a_still_floor_the_likelihood_ratio_is_small(cart):
-    still = cart.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
+    quiet_cart = cart.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
     ratios = []
     for seed in range(8):
-        prediction = of_cart(cart, cart_run(still, seed, 600))
+        prediction = of_cart(cart, cart_run(quiet_cart, seed, 600))
         low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
         ratios.append(most_likely(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool)).ratio)
     assert min(ratios) > -1e-6
@@ -235,10 +235,10 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
     prediction = Prediction(problem, blocks)
     moving = FloorNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
     e = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
-    there = problem.has[0] > 0.0
-    assert np.std(e[there[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
-    still = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0])))[0]
-    assert np.std(still[there[:, 0], 0]) > 5.0
+    present = problem.has[0] > 0.0
+    assert np.std(e[present[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
+    innovations = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0])))[0]
+    assert np.std(innovations[present[:, 0], 0]) > 5.0
 
 
 def test_a_vehicle_without_a_velocity_of_its_own_is_reported_to_use_the_simulation():

@@ -20,7 +20,7 @@ SEEDS = range(3)
 def both(file, seed, **options):
     run = simulate(file, random_steps(file.command.limit, 60.0, file.rate_hz, seed), seed)
     costs = (FitOptions(cost=cost, **options) for cost in ("simulation", "innovations"))
-    return tuple(identify(run, file, options=one) for one in costs)
+    return tuple(identify(run, file, options=cost) for cost in costs)
 
 
 def offs(fit, file, names):
@@ -45,8 +45,8 @@ def test_over_a_still_floor_both_costs_say_the_same_and_the_simulation_is_believ
     for seed in SEEDS:
         first, second = both(case, seed)
         k = np.isfinite(first.sd)
-        apart = (second.estimate[: len(first.sd)] - first.estimate)[k] / first.sd[k]
-        assert np.sqrt(np.mean(apart**2)) < 0.25  # Huber's and our weights: 0.09 over 8 seeds
+        distance = (second.estimate[: len(first.sd)] - first.estimate)[k] / first.sd[k]
+        assert np.sqrt(np.mean(distance**2)) < 0.25  # Huber's and our weights: 0.09 over 8 seeds
         assert second.notes[0].code in ("cost.floor-still", "cost.too-short", "cost.simulation")
         assert np.all(second.estimate[-3:] < 0.005)
 
@@ -130,7 +130,7 @@ def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed):
         assert first.verdict == "USABLE", first.reasons
         assert first.notes[0].figures["cause"].code == "cost.innovations"
         assert first.notes[0].fix == "--cost innovations"
-        assert "cost.try-innovations" not in [one.code for one in second.notes]
+        assert "cost.try-innovations" not in [note.code for note in second.notes]
         assert second.verdict == "USABLE", second.reasons
 
 

@@ -35,7 +35,7 @@ def test_the_bias_of_a_car_that_never_stands_is_that_of_its_file():
     car, run = driven(rest_s=0.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
-    assert "bias.at-rest" not in [one.code for one in fit.notes]
+    assert "bias.at-rest" not in [note.code for note in fit.notes]
 
 
 def offset(car, run, zero, sd):

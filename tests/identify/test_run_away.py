@@ -38,11 +38,11 @@ def test_id12_a_piece_that_ran_away_tells_nothing_and_the_other_what_it_tells_al
             sigma=np.ones(2),
             has=[np.ones((100, 2)) for _ in slopes],
             records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],
-            sensitivities=lambda theta: [(r, one, np.arange(3)) for one in slopes],
+            sensitivities=lambda theta: [(r, slope, np.arange(3)) for slope in slopes],
         )
         return information(problem, np.zeros(3))  # pyright: ignore[reportArgumentType]
 
-    alone, both = of(d), of(d, away)
-    assert np.array_equal(both.bread, alone.bread)
-    assert np.array_equal(both.meat, alone.meat)
+    single, both = of(d), of(d, away)
+    assert np.array_equal(both.bread, single.bread)
+    assert np.array_equal(both.meat, single.meat)
     assert not of(away).bread.any()

@@ -37,8 +37,8 @@ def step(k, speed, speed_model):
 
 
 def evidence(channels):
-    one = np.ones(1)
-    return Evidence(("gain",), one, 0 * one, 0 * one, 0, (), channels, True, np.zeros(1), None)
+    unit = np.ones(1)
+    return Evidence(("gain",), unit, 0 * unit, 0 * unit, 0, (), channels, True, np.zeros(1), None)
 
 
 def test_two_of_28_runs_inside_the_dead_zone_refuse_no_fit_and_are_named():
@@ -47,7 +47,7 @@ def test_two_of_28_runs_inside_the_dead_zone_refuse_no_fit_and_are_named():
     assert np.mean([c.explained for c in runs]) < -1.0
     e = evidence(runs)
     assert verdict_of(e)[0] == "USABLE"
-    (doubt,) = [one for one in noted(e) if one.code == "runs.hardly-moved"]
+    (doubt,) = [reason for reason in noted(e) if reason.code == "runs.hardly-moved"]
     assert doubt.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
 
 
@@ -55,7 +55,7 @@ def test_a_run_that_moved_and_is_unlike_the_model_is_a_doubt():
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
     verdict, reasons = verdict_of(e)
     assert verdict == "WARN"
-    (doubt,) = [one for one in reasons if one.code == "runs.unlike-others"]
+    (doubt,) = [reason for reason in reasons if reason.code == "runs.unlike-others"]
     assert doubt.figures == {"count": 1, "of": 7, "runs": "step 6"}
 
 

@@ -72,9 +72,9 @@ def test_slopes_without_the_start_of_their_piece_have_the_information_without_st
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
         A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)
         start = index >= layout.starts
-        left = slopes_without_start(d, w, start)
-        np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, left, d[..., start]), 0.0, atol=1e-12)
-        reduced[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, left, left)
+        projected = slopes_without_start(d, w, start)
+        np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, projected, d[..., start]), 0.0, atol=1e-12)
+        reduced[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, projected, projected)
     np.testing.assert_allclose(reduced, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
@@ -103,9 +103,9 @@ def test_cores_sum_as_one_does(case, driven, monkeypatch):
     runs = [driven(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
     monkeypatch.setattr(import_module("baqueano.identify.parallel"), "ENOUGH", 10**9)
-    alone = identify(runs, case, FREE)
-    np.testing.assert_array_equal(together.estimate, alone.estimate)
-    np.testing.assert_array_equal(together.cov, alone.cov)
+    serial = identify(runs, case, FREE)
+    np.testing.assert_array_equal(together.estimate, serial.estimate)
+    np.testing.assert_array_equal(together.cov, serial.cov)
 
 
 def test_each_run_may_have_a_number_for_itself(case, driven):

@@ -23,9 +23,9 @@ def test_every_signal_stays_inside_its_limits_and_never_moves_a_channel_without_
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_seed_gives_the_same_signal_and_another_gives_another(kind):
-    first, same, other = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
+    first, same, different = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
     assert np.array_equal(first, same)
-    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, different)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -68,7 +68,7 @@ def test_too_few_pieces_decide_nothing_for_the_accelerometers(fit):
 
 def test_the_ratio_of_blocks_is_that_of_the_sums():
     rng = np.random.default_rng(0)
-    ours, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
-    ratio, low, high = ratio_of_blocks(ours, reference)
-    assert ratio == pytest.approx(np.sqrt(ours.sum() / reference.sum()), rel=1e-12)
+    block_sums, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
+    ratio, low, high = ratio_of_blocks(block_sums, reference)
+    assert ratio == pytest.approx(np.sqrt(block_sums.sum() / reference.sum()), rel=1e-12)
     assert low < ratio < high < 1.0

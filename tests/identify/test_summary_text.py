@@ -43,7 +43,7 @@ def test_the_table_marks_what_the_rows_say(driven, case):
     doubtful = [row["name"] for row in fit.rows() if row["sd"] and abs(row["estimate"]) < 1.96 * row["sd"]]
     assert doubtful
     for name in doubtful:
-        line = next(one for one in lines if one.startswith(name.removeprefix("model.")))
+        line = next(text_line for text_line in lines if text_line.startswith(name.removeprefix("model.")))
         assert line.endswith("may be 0)")
 
 

@@ -32,7 +32,7 @@ def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
     assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]
     assert units["velocity_walk_std[2]"] == "rad/s^1.5"
     assert "tape[0]" not in units
-    assert not any("tape" in one.subject for one in noise.notes)
+    assert not any("tape" in note.subject for note in noise.notes)
 
 
 def test_the_noise_of_each_channel_is_reported_with_its_unit(fit):

@@ -20,7 +20,7 @@ def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(dri
     run = with_more(driven(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
     notes = unused([run, run], case)
     assert len(notes) == 2, "once for all runs, and nothing of battery and temperature"
-    assert [one.code for one in notes] == ["use.not-in-file"] * 2
+    assert [note.code for note in notes] == ["use.not-in-file"] * 2
     assert notes[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
     assert notes[1].figures["kind"] == "wheels"
     assert unused([driven(0, 2.0)], case) == []

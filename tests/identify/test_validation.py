@@ -56,7 +56,7 @@ def test_another_vehicle_is_not_explained(fit, small):
     validation = validate(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
     assert validation.verdict == "REFUSED"
     assert ("validation.worse-than-mean", "imu[2]", "run 4") in [
-        (one.code, one.subject, one.figures.get("run")) for one in validation.reasons
+        (reason.code, reason.subject, reason.figures.get("run")) for reason in validation.reasons
     ]
     assert "REFUSED" in validation.table()
 
@@ -91,12 +91,12 @@ def test_students_quantile_is_that_of_the_tables_also_for_few_degrees_of_freedom
         assert students(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
 
 
-def alarms_of(here, own, noise=None):
+def alarms_of(blocks, own, noise=None):
     """What is said of blocks with these logarithms of the mean square; `noise`, else that of the own blocks."""
-    square = np.exp(here).mean()
+    square = np.exp(blocks).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
     figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
-    return _against(figure, _ChannelError(square, 0.0, here, 5.0 * np.arange(len(here))), own)
+    return _against(figure, _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks))), own)
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])

@@ -57,8 +57,8 @@ def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):
     """The file says battery = "logged"."""
     fit = identify(emptied(small, 0.4, 1), small, FREE)
     assert fit.vehicle_file.vehicle.drivetrain.battery == "logged"
-    again = identify(emptied(small, 0.4, 2), fit.vehicle_file, FREE[:2])
-    assert again.verdict == "USABLE"
+    second = identify(emptied(small, 0.4, 2), fit.vehicle_file, FREE[:2])
+    assert second.verdict == "USABLE"
 
 
 def test_without_a_voltage_its_effect_is_not_looked_for(small):

@@ -55,19 +55,19 @@ def test_a_sensor_that_is_off_is_named_and_never_the_model(kind, name, fault, lo
     for run in drives(kind, DRIVES):
         bad = damaged(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
         findings, sensors = watch(kind, bad)
-        begun, *later = [one for one in findings if one.name == name]
+        begun, *later = [finding for finding in findings if finding.name == name]
         told_s = 1e-9 * begun.t_ns - FROM_S
         assert EVENT_S - 0.02 <= told_s <= TOLD_S
         assert not begun.degraded
-        assert {one.off for one in findings} <= {SENSOR, UNKNOWN}
-        assert {one.name for one in findings} == {name}
+        assert {finding.off for finding in findings} <= {SENSOR, UNKNOWN}
+        assert {finding.name for finding in findings} == {name}
         for worse in later:
             assert not worse.degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
         last = findings[-1]
         assert last.looks in looks
         assert last.diagnostic.subject == name
         if sensors.degraded:
-            assert [one.name for one in sensors.degraded] == [name]
+            assert [sensor.name for sensor in sensors.degraded] == [name]
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagre
     off = []
     for run in drives(kind, DRIVES):
         findings, _ = watch(kind, damaged(run, name[:-3], [int(name[-2])], fault))
-        off += [one.off for one in findings if one.degraded and one.name == name][:1]
+        off += [finding.off for finding in findings if finding.degraded and finding.name == name][:1]
     assert len(off) == DRIVES
     assert off.count(SENSOR) >= DRIVES - 1
 
@@ -89,7 +89,7 @@ def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagre
 def test_a_model_that_turns_half_as_hard_is_not_taken_for_a_gyro_that_is_off(kind):
     """The vehicle of the independent truth turns as its sensors say; the file is wrong."""
     findings, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": 0.5})
-    gyro = [one for one in findings if one.name == "imu[2]"]
+    gyro = [finding for finding in findings if finding.name == "imu[2]"]
     assert gyro
-    assert {one.off for one in gyro} <= {MODEL, UNKNOWN}
+    assert {finding.off for finding in gyro} <= {MODEL, UNKNOWN}
     assert gyro[-1].off == MODEL

@@ -11,7 +11,7 @@ from tests.monitor.driven import drives, watch
 def test_nothing_is_reported_of_sensors_that_are_whole(kind):
     for run in drives(kind, 10):
         findings, sensors = watch(kind, run)
-        assert [one.diagnostic for one in findings] == []
+        assert [finding.diagnostic for finding in findings] == []
         assert sensors.degraded == ()
 
 
@@ -22,7 +22,7 @@ def test_refusals_are_counted_by_number():
     z[1500, 1] = np.nan
     spiked = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
     _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked))
-    assert [one.name for one in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
-    assert [one.refused for one in sensors.refusals] == [0, 0, 10]
+    assert [refusal.name for refusal in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert [refusal.refused for refusal in sensors.refusals] == [0, 0, 10]
     assert counted(sensors.refusals).figures["imu[2].refused"] == 10
-    assert [one.arrived for one in sensors.refusals] == [len(z), len(z) - 1, len(z)]
+    assert [refusal.arrived for refusal in sensors.refusals] == [len(z), len(z) - 1, len(z)]

@@ -59,10 +59,10 @@ def test_every_motion_that_is_played_exists_and_begins_and_ends(svg):
 def test_it_stands_still_on_demand_and_suits_a_dark_page(svg):
     assert "@media(prefers-reduced-motion:reduce){*{animation:none!important}}" in svg
     assert "@media(prefers-color-scheme:dark)" in svg
-    hidden = [one for one in elements(svg, "g") if one.get("class") == "gone"]
-    trail = [one for one in elements(svg, "g") if "backwards" in (one.get("style") or "")]
-    still = [one for one in trail if one.get("class") != "gone"]
-    assert 0.4 * len(trail) < len(still) < 0.6 * len(trail), "of two laps the last stays"
+    hidden = [element for element in elements(svg, "g") if element.get("class") == "gone"]
+    trail = [element for element in elements(svg, "g") if "backwards" in (element.get("style") or "")]
+    visible = [element for element in trail if element.get("class") != "gone"]
+    assert 0.4 * len(trail) < len(visible) < 0.6 * len(trail), "of two laps the last stays"
     assert hidden
 
 
@@ -97,9 +97,9 @@ def test_a_run_of_which_nobody_knows_the_way_is_refused(run):
     with pytest.raises(AnswerNo) as refused:
         scene(replace(run, estimate=None, truth=None))
     assert refused.value.diagnostic.code == "report.nothing-moves"
-    with pytest.raises(UsageError) as other:
+    with pytest.raises(UsageError) as caught:
         picture_file("a.gif")
-    assert other.value.diagnostic.code == "report.animation-ending"
+    assert caught.value.diagnostic.code == "report.animation-ending"
 
 
 def test_a_run_without_truth_or_without_estimate_still_moves(run):

@@ -86,9 +86,9 @@ def test_a_table_has_noise_and_what_is_explained_of_every_run(many):
 
 
 def test_a_fit_to_one_run_has_no_table_of_runs(many):
-    one = replace(many, runs=many.runs[:1], channels=tuple(c for c in many.channels if c.run == "run-00"))
-    assert all(s.title != "Runs" for s in page_of_fit(one).sections)
-    assert [h.label for h in page_of_fit(one).headlines] == [
+    single = replace(many, runs=many.runs[:1], channels=tuple(c for c in many.channels if c.run == "run-00"))
+    assert all(s.title != "Runs" for s in page_of_fit(single).sections)
+    assert [h.label for h in page_of_fit(single).headlines] == [
         "noise of odometer [m/s]",
         "noise of ω_z [rad/s]",
     ]

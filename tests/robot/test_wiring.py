@@ -35,9 +35,9 @@ def arduino(port_pin):
     return {"B": f"D{bit + 8}", "C": f"A{bit}", "D": f"D{bit}"}[port]
 
 
-def of(what, channel=0):
+def of(name, channel=0):
     """The pin of the macro in board.c; where it chooses by the channel, that of channel 1 stands first."""
-    line = re.search(rf"#define {MACROS[what]}\b(.*)", BOARD_C)[1]
+    line = re.search(rf"#define {MACROS[name]}\b(.*)", BOARD_C)[1]
     pins = [arduino(name) for name in re.findall(r"P([BCD]\d)\b", line)][::-1]
     assert len(pins) == (2 if "channel" in line else 1), line
     return pins[channel]
@@ -120,10 +120,10 @@ def test_no_wire_lies_on_another(bridge):
     """Crossing at right angles is allowed, running along one another is not."""
     parts = list(stretches(bridge))
     for number, x0, y0, x1, y1 in parts:
-        for other, u0, v0, u1, v1 in parts:
+        for second, u0, v0, u1, v1 in parts:
             along = min(x1, u1) - max(x0, u0) + min(y1, v1) - max(y0, v0)
             same_line = (x0 == x1 == u0 == u1) or (y0 == y1 == v0 == v1)
-            assert number == other or not same_line or along <= 0.0, (x0, y0, x1, y1, u0, v0, u1, v1)
+            assert number == second or not same_line or along <= 0.0, (x0, y0, x1, y1, u0, v0, u1, v1)
 
 
 @EITHER

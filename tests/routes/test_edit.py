@@ -26,10 +26,10 @@ def drives_itself(route, atol=2e-3):
 def test_cut_parts_join_to_the_whole():
     whole = ROUTES["slalom"]
     parts = cut(whole, 0.0, 1.0), cut(whole, way(whole.eta[:, :2])[len(cut(whole, 0.0, 1.0).t_s) - 1])
-    again = join(*parts)
-    np.testing.assert_allclose(again.eta, whole.eta, atol=1e-12)
-    np.testing.assert_allclose(again.t_s, whole.t_s, atol=1e-12)
-    np.testing.assert_array_equal(again.nu, whole.nu)
+    joined = join(*parts)
+    np.testing.assert_allclose(joined.eta, whole.eta, atol=1e-12)
+    np.testing.assert_allclose(joined.t_s, whole.t_s, atol=1e-12)
+    np.testing.assert_array_equal(joined.nu, whole.nu)
 
 
 def test_a_joined_route_that_comes_back_is_closed():
@@ -43,13 +43,13 @@ def test_a_joined_route_that_comes_back_is_closed():
 @pytest.mark.parametrize("backing", [False, True])
 def test_a_route_turned_round_passes_the_same_places_and_drives_itself(name, backing):
     route = moved(ROUTES[name], np.array([1.0, -2.0, 0.7]))
-    other = reverse(route, backing)
-    np.testing.assert_allclose(other.eta[::-1, :2], route.eta[:, :2])
-    assert other.t_s[0] == 0.0
-    assert other.t_s[-1] == route.t_s[-1]
+    reversed_route = reverse(route, backing)
+    np.testing.assert_allclose(reversed_route.eta[::-1, :2], route.eta[:, :2])
+    assert reversed_route.t_s[0] == 0.0
+    assert reversed_route.t_s[-1] == route.t_s[-1]
     drives_itself(route)
-    drives_itself(other)
-    np.testing.assert_allclose(reverse(other, backing).nu, route.nu)
+    drives_itself(reversed_route)
+    np.testing.assert_allclose(reverse(reversed_route, backing).nu, route.nu)
 
 
 def test_a_larger_route_keeps_its_speed_and_its_shape():

@@ -15,7 +15,7 @@ def without(route, first, last):
 
 
 def codes(route):
-    return [one.code for one in examine(route).findings]
+    return [finding.code for finding in examine(route).findings]
 
 
 def test_missing_samples_of_a_line_are_a_gap_where_they_are():
@@ -43,8 +43,8 @@ def test_a_value_that_is_not_finite_is_named_by_its_row(name):
     lap = circle(0.5, 0.2)
     rows = getattr(lap, name).copy()
     rows[30:32] = np.nan
-    (one,) = examine(lap._replace(**{name: rows}), load("small")).findings
-    assert (one.code, one.figures) == ("route.no-number", {"row": 31, "count": 2})
+    (finding,) = examine(lap._replace(**{name: rows}), load("small")).findings
+    assert (finding.code, finding.figures) == ("route.no-number", {"row": 31, "count": 2})
 
 
 def test_a_stop_and_a_start_from_rest_are_no_gaps():
@@ -66,5 +66,5 @@ DRAWN = {
 def test_drawn_and_edited_routes_have_no_gaps(name):
     route = DRAWN[name]
     part = cut(route, 0.1, 0.9)
-    for one in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
-        assert codes(one) == []
+    for edited in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
+        assert codes(edited) == []

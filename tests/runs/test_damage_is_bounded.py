@@ -145,7 +145,7 @@ def test_a_tail_of_zeros_is_one_place_and_recover_saves_the_rest(chunked, tmp_pa
     saved = recover(path)
     assert len(saved.run.t_ns) == 60
     cut = chunks[-1][1]
-    (place,) = (one.figures["places"].figures for one in saved.notes if one.code == "run.damaged")
+    (place,) = (note.figures["places"].figures for note in saved.notes if note.code == "run.damaged")
     assert (place["first"], place["last"]) == (cut, cut + 300_000 // 9 * 9)
     assert read_run(saved.path).notes == ()
 

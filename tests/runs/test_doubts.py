@@ -20,9 +20,9 @@ def camera(column, factor):
     return damage
 
 
-def swapped(where, a, b):
+def swapped(table, a, b):
     def damage(lab):
-        columns = getattr(lab, where)
+        columns = getattr(lab, table)
         columns[a], columns[b] = columns[b], columns[a]
 
     return damage
@@ -102,9 +102,9 @@ def test_plain_repeats_are_left_out_and_reported_but_different_ones_are_refused(
     lab.refused(r"at line 10 with other values. .*repeats = \"first\" or repeats = \"last\"")
     kept = {}
     for which in ("first", "last"):
-        again = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
-        again.board = lab.board
-        kept[which] = again.run().run.sensors["imu"].z[7, 0]
+        repeated = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
+        repeated.board = lab.board
+        kept[which] = repeated.run().run.sensors["imu"].z[7, 0]
     assert kept["last"] - kept["first"] == pytest.approx(1.0)
 
 
@@ -336,13 +336,13 @@ def test_wheels_that_the_camera_contradicts_are_swapped(lab):
     )
 
 
-@pytest.mark.parametrize(("factor", "apart"), [(1 / 40, "0.0075"), (40.0, "12")])
-def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, apart):
+@pytest.mark.parametrize(("factor", "width_m"), [(1 / 40, "0.0075"), (40.0, "12")])
+def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, width_m):
     by_wheels(lab, truth=False)
     for side in "lr":
         lab.board[side] = factor * lab.board[side]
     message = lab.refused(
-        rf"with wheels that are {apart}\d* m apart .*check the scale of both: counts_per_turn, radius_m"
+        rf"with wheels that are {width_m}\d* m apart .*check the scale of both: counts_per_turn, radius_m"
     )
     assert "accept = [" in message
 

@@ -154,10 +154,10 @@ def test_recover_writes_what_was_saved_to_a_new_whole_file(chunked, tmp_path):
     saved = recover(cut)
     assert saved.path == tmp_path / "0001-test-cut-recovered.mcap"
     assert saved.notes[0].code == "run.not-closed"
-    again = read_run(saved.path)
-    assert again.notes == ()
-    assert again.metadata == whole.metadata | {"recovered_from": "0001-test-cut.mcap"}
-    assert again.applied.tobytes() == whole.applied[: len(again.t_ns)].tobytes()
+    saved_run = read_run(saved.path)
+    assert saved_run.notes == ()
+    assert saved_run.metadata == whole.metadata | {"recovered_from": "0001-test-cut.mcap"}
+    assert saved_run.applied.tobytes() == whole.applied[: len(saved_run.t_ns)].tobytes()
     assert cut.read_bytes() == data[: len(data) // 2]
 
 

@@ -98,9 +98,9 @@ def rows(last, sep=","):
     ],
 )
 def test_lg9_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(lab, text, code, figures):
-    why = raw(lab, text)
-    assert (why.code, {name: why.figures[name] for name in figures}) == (code, figures)
-    assert "board.csv" in why.figures.values()
+    reason = raw(lab, text)
+    assert (reason.code, {name: reason.figures[name] for name in figures}) == (code, figures)
+    assert "board.csv" in reason.figures.values()
 
 
 def numbers_of(cells):

@@ -62,12 +62,12 @@ GAP = ('time_unit = "s"', 'time_unit = "s"\nsplit_gap_s = 5.0')
 
 def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
     imports = import_runs(desk.map(SPLIT), [desk.file("log.csv", [7, 2, 11])])
-    assert [one.run.name for one in imports] == ["log-007", "log-002", "log-011"]
-    assert [len(one.run.t_ns) for one in imports] == [5, 5, 5]
+    assert [imported_run.run.name for imported_run in imports] == ["log-007", "log-002", "log-011"]
+    assert [len(imported_run.run.t_ns) for imported_run in imports] == [5, 5, 5]
 
 
 @pytest.mark.parametrize(
-    ("where", "left"),
+    ("selection", "labels"),
     [
         ('{ trial = { not = "parking" } }', ["a", "b", "003"]),
         ('{ trial = { not = ["parking", "b"] } }', ["a", "003"]),
@@ -77,30 +77,30 @@ def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
         ("{ left = 0.2, rpm_l = { min = 30, not = 60.0 } }", ["parking", "a", "b", "003"]),
     ],
 )
-def test_where_takes_words_and_several_of_them(desk, where, left):
-    by_map = desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {where}"))
+def test_where_takes_words_and_several_of_them(desk, selection, labels):
+    by_map = desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {selection}"))
     imports = import_runs(by_map, [desk.file("log.csv", ["parking", "a", "b", "3.0"])])
-    assert [one.run.name for one in imports] == [f"log-{label}" for label in left]
+    assert [imported_run.run.name for imported_run in imports] == [f"log-{label}" for label in labels]
 
 
 @pytest.mark.parametrize(
-    "where", ['{ left = { min = "0" } }', "{ left = { max = [1] } }", "{ left = 2020-01-01 }"]
+    "selection", ['{ left = { min = "0" } }', "{ left = { max = [1] } }", "{ left = 2020-01-01 }"]
 )
-def test_where_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, where):
+def test_where_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, selection):
     with refused("import.where", FileError, column="left"):
-        import_runs(desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {where}")), [desk.file("log.csv", [1])])
+        import_runs(desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {selection}")), [desk.file("log.csv", [1])])
 
 
 @pytest.mark.parametrize("restart", [True, False])
 def test_a_pause_or_a_time_that_begins_again_begins_a_run(desk, restart):
     imports = import_runs(desk.map(GAP), [desk.file("log.csv", [1, 1, 1], restart=restart)])
-    assert [one.run.name for one in imports] == ["log-1", "log-2", "log-3"]
-    assert all(one.run.duration_s == pytest.approx(0.4) for one in imports)
+    assert [imported_run.run.name for imported_run in imports] == ["log-1", "log-2", "log-3"]
+    assert all(imported_run.run.duration_s == pytest.approx(0.4) for imported_run in imports)
 
 
 def test_several_files_of_an_open_place_are_several_runs(desk):
-    one, two = desk.file("one.csv", [1]), desk.file("two.csv", [1])
-    assert [i.run.name for i in import_runs(desk.map(), [one, two])] == ["one", "two"]
+    first, two = desk.file("one.csv", [1]), desk.file("two.csv", [1])
+    assert [i.run.name for i in import_runs(desk.map(), [first, two])] == ["one", "two"]
     assert [i.run.name for i in import_runs(desk.map(), [desk.folder / "*.csv"])] == ["one", "two"]
     by_map = desk.map(('time = "t"', 'path = "*.csv"\ntime = "t"'))
     assert [i.run.name for i in import_runs(by_map)] == ["one", "two"]
@@ -118,7 +118,9 @@ def test_the_tick_before_the_first_command_is_not_reported_of_each_import(desk):
     late.write_text(late.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
     by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
     imports = tuple(import_runs(by_map, [late]))
-    assert [[(d.code, d.usual) for d in one.doubts if d.level == "info"] for one in imports] == [
+    assert [
+        [(d.code, d.usual) for d in imported_run.doubts if d.level == "info"] for imported_run in imports
+    ] == [
         [("no command yet", False)],
         [("no command yet", True)],
     ]
@@ -135,8 +137,8 @@ def test_runs_one_under_the_other_are_distinguished_from_rows_that_came_late(des
     late.write_text(text, encoding="utf-8")
     with refused("import.steps-back", FileError, count=1, lost=1):
         import_runs(desk.map(), [late])
-    (one,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
-    assert one.doubts[0].text.endswith(": 1 rows up to there were left out")
+    (single,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
+    assert single.doubts[0].text.endswith(": 1 rows up to there were left out")
 
 
 def test_parts_that_are_too_short_are_left_out_and_reported(desk):
@@ -161,7 +163,7 @@ def test_a_held_channel_of_a_split_file_is_split_with_it(desk):
         ("[sensors.wheels]", '[sensors.wheels]\nfile = "slow"'),
     )
     imports = import_runs(by_map, [desk.file("log.csv", [1, 2])])
-    assert [len(one.run.sensors["wheels"].t_ns) for one in imports] == [3, 3]
+    assert [len(imported_run.run.sensors["wheels"].t_ns) for imported_run in imports] == [3, 3]
 
 
 TWO = (
@@ -175,7 +177,10 @@ TWO = (
 
 def speeds(imports):
     """The speed of the left wheel in the last row of each run, in rows' units."""
-    return {one.run.name: round(one.run.sensors["wheels"].z[-1, 0] / (np.pi / 10.0)) for one in imports}
+    return {
+        imported_run.run.name: round(imported_run.run.sensors["wheels"].z[-1, 0] / (np.pi / 10.0))
+        for imported_run in imports
+    }
 
 
 def test_files_that_are_split_are_matched_by_the_value_and_not_by_the_order(desk):
@@ -220,11 +225,11 @@ def test_parts_after_a_pause_are_matched_in_order_within_each_value(desk):
     assert list(speeds(imports)) == ["log-a-1", "log-b-1", "log-b-2"]
     fewer = desk.file("odo.csv", ["b", "a", "b"], rows=1, restart=False)
     longer = desk.file("odo.csv", ["a", "b"], restart=False)
-    for other in (fewer, longer):
+    for odometry in (fewer, longer):
         with refused(
             "import.parts-differ", FileError, found="[files.log] 2, [files.odo] 1", split="trial", value="b"
         ):
-            import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": other})
+            import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odometry})
 
 
 def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
@@ -240,10 +245,10 @@ def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
 
 
 def test_the_file_of_the_ticks_is_the_one_to_split(desk):
-    other = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
+    table = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
     by_map = desk.map(
         SPLIT,
-        ("[command]", other + '[command]\nfile = "log"'),
+        ("[command]", table + '[command]\nfile = "log"'),
         ("[sensors.wheels]", '[sensors.wheels]\nfile = "log"'),
     )
     with refused("import.split-not-ticks", FileError):

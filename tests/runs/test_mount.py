@@ -95,9 +95,9 @@ def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_b
     assert mount["shift_s"] == pytest.approx(TRUE.shift_s, abs=0.004)
     assert mount["lever_arm_m"] == pytest.approx(TRUE.lever_arm_m, abs=0.006)
     assert mount["heading_rad"] == pytest.approx(TRUE.heading_rad, abs=0.015)
-    again = import_run("filmed.toml").run
-    off = again.truth.eta[50:-50, :2] - np.column_stack(
-        [np.interp(again.truth.t_ns[50:-50], run.t_ns, column) for column in run.truth.eta[:, :2].T]
+    second = import_run("filmed.toml").run
+    off = second.truth.eta[50:-50, :2] - np.column_stack(
+        [np.interp(second.truth.t_ns[50:-50], run.t_ns, column) for column in run.truth.eta[:, :2].T]
     )
     assert np.hypot(*off.T).mean() < 0.01, "7 cm before"
     capsys.readouterr()

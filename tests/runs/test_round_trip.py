@@ -126,15 +126,15 @@ def test_a_run_recorded_tick_by_tick_is_the_run_written_at_once(run, tmp_path):
 
 def test_what_an_event_says_as_data_comes_back_as_it_was(run, tmp_path):
     cause = stop(StopReason.UNO_RESET, cause="brown-out")
-    why = note("drive.line-in-trouble", Severity.WARNING, "look", lost=3, share=1.0 / 3.0, cause=cause)
+    message = note("drive.line-in-trouble", Severity.WARNING, "look", lost=3, share=1.0 / 3.0, cause=cause)
     with RunWriter(tmp_path / "x.mcap", run.vehicle_text) as writer:
         for record in records(run, run.sensors):
             writer.record(record)
-        writer.event(5, "warning", "line", why)
+        writer.event(5, "warning", "line", message)
         writer.event(6, "error", "loop", cause)
     read = read_run(tmp_path / "x.mcap")
-    assert [event.diagnostic for event in read.events] == [why, cause]
-    assert [event.text for event in read.events] == [text(why), text(cause)]
+    assert [event.diagnostic for event in read.events] == [message, cause]
+    assert [event.text for event in read.events] == [text(message), text(cause)]
     assert stop_of(read) == cause
     assert stop_of(replace(read, events=(Event(6, "error", "loop", "in words"),))) == stop(
         StopReason.RECORDED, words="in words"

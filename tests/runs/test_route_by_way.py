@@ -20,13 +20,13 @@ def written(path, rows, head=HEAD):
 @pytest.mark.parametrize("route", [circle(0.5, 0.2), eight(0.6, 0.2), rectangle(1.2, 0.8, 0.2, 0.2)])
 def test_a_drawn_route_over_its_way_is_the_route_over_time(tmp_path, route):
     rows = np.column_stack([way(route.eta[:, :2]), route.eta, route.nu[:, 0]]).tolist()
-    again = read_route(written(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
-    np.testing.assert_array_equal(again.eta, route.eta)
-    np.testing.assert_allclose(again.t_s, route.t_s, rtol=1e-4)
+    second = read_route(written(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
+    np.testing.assert_array_equal(second.eta, route.eta)
+    np.testing.assert_allclose(second.t_s, route.t_s, rtol=1e-4)
     np.testing.assert_allclose(
-        again.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51
+        second.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51
     )  # half a step of a corner's yaw rate
-    assert np.median(np.abs(again.nu[:, 2] - route.nu[:, 2])) < 1e-3
+    assert np.median(np.abs(second.nu[:, 2] - route.nu[:, 2])) < 1e-3
 
 
 def test_a_speed_profile_a_stop_and_a_turn_on_the_spot_take_their_time(tmp_path):

@@ -25,14 +25,14 @@ def test_a_signed_permutation_and_a_unit_are_found(swapped, sign, ratio):
         size=(300, 2)
     )
     channels = signal_map(z, h, [MappedChannel(0.4, 2.5, UNITS)] * 2)
-    for i, one in enumerate(channels):
-        assert one.of == (1 - i if swapped else i)
-        assert np.sign(one.relation.slope) == sign
-        assert one.ratio == ratio
+    for i, channel in enumerate(channels):
+        assert channel.of == (1 - i if swapped else i)
+        assert np.sign(channel.relation.slope) == sign
+        assert channel.ratio == ratio
 
 
 def test_signals_that_move_slowly_are_related_by_chance_in_one_case_of_a_hundred_at_most():
     """Of 400 that have nothing in common, one of seven correlates beyond 0.3; two count as related."""
     relations = [relation(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)]
-    assert sum(abs(one.correlation) > 0.3 for one in relations) > 40
-    assert sum(one.is_clear(NOTHING) for one in relations) <= 4
+    assert sum(abs(pair.correlation) > 0.3 for pair in relations) > 40
+    assert sum(pair.is_clear(NOTHING) for pair in relations) <= 4

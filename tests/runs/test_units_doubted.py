@@ -32,8 +32,8 @@ def imported(
     tmp_path, hz: float = 10.0, odometer: bool = False, change: dict[str, Any] | None = None, **units: str
 ):
     columns = car(hz)
-    for name, how in (change or {}).items():
-        columns[name] = how(columns[name])
+    for name, convert in (change or {}).items():
+        columns[name] = convert(columns[name])
     rows = np.column_stack(list(columns.values()))
     lines = [",".join(columns), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
     (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -127,7 +127,7 @@ def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_
 
 
 @pytest.mark.parametrize(
-    ("how", "unit", "line"),
+    ("convert", "unit", "line"),
     [
         (lambda u: 100.0 * u, "1", 'write unit = "%"'),
         (lambda u: np.round(255.0 * u), "1", "scale = 0.00392157, where a full command is 255"),
@@ -139,9 +139,9 @@ def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_
     ],
 )
 def test_a_command_in_another_unit_is_reported_by_the_full_scale_of_the_whole_vehicle(
-    tmp_path, how, unit, line
+    tmp_path, convert, unit, line
 ):
-    message = imported(tmp_path, change={"throttle": how, "servo": how}, duty=unit)
+    message = imported(tmp_path, change={"throttle": convert, "servo": convert}, duty=unit)
     assert message.startswith("refused")
     assert line in message
 

@@ -73,7 +73,7 @@ def flat(tree) -> np.ndarray:
 
 
 def moved(motion: Motion, k: int) -> Motion:
-    tick = motion.tick and tuple(moved(there, k) for there in motion.tick)
+    tick = motion.tick and tuple(moved(part, k) for part in motion.tick)
     return Motion(*(leaf[k] for leaf in motion[:4]), tick)
 
 
@@ -84,8 +84,8 @@ def at(inputs: Input, k: int) -> Input:
 @names
 def test_a_recording_is_the_same_in_every_back_end(name):
     sensor, rng, N = SENSORS[name], np.random.default_rng(4), 150
-    one, *tick = (Motion(*(rng.uniform(-3.0, 3.0, (N, n)) for n in (3, 3, 3, 2))) for _ in range(4))
-    motions = one._replace(tick=tuple(tick))
+    motion, *tick = (Motion(*(rng.uniform(-3.0, 3.0, (N, n)) for n in (3, 3, 3, 2))) for _ in range(4))
+    motions = motion._replace(tick=tuple(tick))
     inputs = Input(motions, rng.uniform(0.005, 0.015, N), rng.standard_normal((N, sensor.noise_size)))
 
     def step(state, x):

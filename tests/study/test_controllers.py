@@ -32,7 +32,7 @@ def test_a_route_begins_where_a_robot_of_the_truth_does():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
     moved = from_origin(route)
     np.testing.assert_allclose(moved.eta[0], 0.0, atol=1e-12)
-    lengths = [np.hypot(*np.diff(one.eta[:, :2], axis=0).T).sum() for one in (route, moved)]
+    lengths = [np.hypot(*np.diff(path.eta[:, :2], axis=0).T).sum() for path in (route, moved)]
     assert lengths[0] == pytest.approx(lengths[1])
     np.testing.assert_allclose(np.diff(moved.eta[:, 2]), np.diff(route.eta[:, 2]), atol=1e-12)
 
@@ -59,10 +59,10 @@ def result(best: float, bound: tuple[str, ...] = (), stopped: str = "", drives: 
 
 def test_the_verdict_is_by_code():
     assert (result(0.2).verdict, result(0.2).reasons) == (Verdict.USABLE, ())
-    assert [one.code for one in result(0.5).reasons] == ["study.not-a-third"]
-    assert [one.code for one in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
-    assert [one.code for one in result(0.2, stopped="stop.room").reasons] == ["study.stopped"] * 2
-    assert [one.code for one in result(0.2, drives=4).reasons] == ["study.no-interval"]
+    assert [reason.code for reason in result(0.5).reasons] == ["study.not-a-third"]
+    assert [reason.code for reason in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
+    assert [reason.code for reason in result(0.2, stopped="stop.room").reasons] == ["study.stopped"] * 2
+    assert [reason.code for reason in result(0.2, drives=4).reasons] == ["study.no-interval"]
     assert result(0.2, drives=4).verdict == Verdict.CANNOT_TELL
     row = result(0.2).rows()[1]
     assert row["pose_low"] < 0.2 < row["pose_high"] < 0.21

@@ -34,7 +34,7 @@ def test_few_vehicles_miss_no_bar_by_chance():
 
 def test_who_is_lost_is_counted_and_not_judged():
     rng = np.random.default_rng(1)
-    lost = [(name, one._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, one in cases(5, 1.0, rng)]
+    lost = [(name, case._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, case in cases(5, 1.0, rng)]
     (row, _) = gathered([*cases(12, 1.0, rng), *lost], 17, ()).rows()
     assert (row["cases"], row["lost"]) == (12, 5)
 

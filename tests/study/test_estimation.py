@@ -54,9 +54,9 @@ def test_plain_integration_of_perfect_readings_drives_the_circle():
     car, run = circle()
     eta = integrated(car, run, np.zeros((len(run.t_ns), 3)), run.truth.eta[0])
     assert np.max(np.hypot(*(eta - run.truth.eta)[:, :2].T)) < 1e-3
-    alone = with_sensors(car, SETUPS[IMU])
+    ideal = with_sensors(car, SETUPS[IMU])
     nu = np.tile([V, 0.0, R], (len(run.t_ns), 1))
-    assert np.allclose(integrated(alone, run, nu, run.truth.eta[0]), eta, atol=1e-12)
+    assert np.allclose(integrated(ideal, run, nu, run.truth.eta[0]), eta, atol=1e-12)
 
 
 def test_open_loop_is_the_simulation_under_the_commands():
@@ -107,11 +107,11 @@ def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         common = rng.standard_normal(40)
-        ours, other = (
+        estimate, reference = (
             (common + 0.5 * rng.standard_normal(40)) ** 2,
             (common + 0.5 * rng.standard_normal(40)) ** 2,
         )
-        _, low, high = Beside(ours, other, np.ones(40)).ratio
+        _, low, high = Beside(estimate, reference, np.ones(40)).ratio
         inside += low <= 1.0 <= high
     assert inside >= 174
 
@@ -119,9 +119,16 @@ def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
 def made(ratio):
     """Ten blocks in which the estimate is `ratio` times as far off as the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
-    one = Beside(ratio**2 * blocks, blocks, np.ones(10))
+    ratio_blocks = Beside(ratio**2 * blocks, blocks, np.ones(10))
     return JudgedEstimate(
-        f"here, {BOTH}", BOTH, "ekf", dict.fromkeys(QUANTITIES, one), UNKNOWN, NOT_REPORTED, "USABLE", ""
+        f"here, {BOTH}",
+        BOTH,
+        "ekf",
+        dict.fromkeys(QUANTITIES, ratio_blocks),
+        UNKNOWN,
+        NOT_REPORTED,
+        "USABLE",
+        "",
     )
 
 
@@ -129,8 +136,8 @@ def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets
     assert EstimationStudy((made(0.6),)).verdict == "USABLE"
     worse = EstimationStudy((made(0.6), made(1.2)._replace(recording="there")))
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
-    here = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
-    assert here == [True] * len(QUANTITIES)
+    flags = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
+    assert flags == [True] * len(QUANTITIES)
     assert not EstimationStudy((made(0.8),)).pooled()[0][
         "ok"
     ]  # with an odometer the speed is to be 0.7 of the model's
@@ -163,13 +170,13 @@ def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
 def test_a_recording_is_fitted_and_judged_by_its_odometer_too(cpm_recordings):
     subject = room.SUBJECTS["cpm"][0]()[0]
     short = subject._replace(fitted=subject.fitted.cut(0.0, 30.0), judged=subject.judged.cut(0.0, 30.0))
-    (one,) = room.judged(short, BOTH)
-    assert one.errors[SPEED].ratio[0] < 0.9
-    assert one.stopped == ""
-    rows = {row["quantity"]: row for row in EstimationStudy((one,)).rows()}
+    (judgement,) = room.judged(short, BOTH)
+    assert judgement.errors[SPEED].ratio[0] < 0.9
+    assert judgement.stopped == ""
+    rows = {row["quantity"]: row for row in EstimationStudy((judgement,)).rows()}
     assert rows["NIS of innovation 0"]["ok"] == (0.85 <= rows["NIS of innovation 0"]["value"] <= 1.15)
     assert rows["lag-1 correlation of innovation 3"]["reference"] == 0.0
-    assert one.consistency.sentence in EstimationStudy((one,)).table()
+    assert judgement.consistency.sentence in EstimationStudy((judgement,)).table()
 
 
 @pytest.fixture(scope="module")
@@ -181,12 +188,12 @@ def vehicles():
 
 
 def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_run(vehicles):
-    for one in vehicles:
-        assert one.fitted.truth is None
-        assert one.judged.truth is not None
-        assert not np.array_equal(one.fitted.applied, one.judged.applied)
-        assert {"imu", "odometer"} <= set(one.fitted.sensors)
-    slope, lag = (one.judged for one in vehicles)
+    for vehicle in vehicles:
+        assert vehicle.fitted.truth is None
+        assert vehicle.judged.truth is not None
+        assert not np.array_equal(vehicle.fitted.applied, vehicle.judged.applied)
+        assert {"imu", "odometer"} <= set(vehicle.fitted.sensors)
+    slope, lag = (vehicle.judged for vehicle in vehicles)
     assert np.std(slope.sensors["imu"].z[:100, :2].mean(axis=0)) > 0.0
     first = np.argmax(np.abs(lag.applied).max(axis=1) > 0.5)
     assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a motor of the second order hardly turns it in 20 ms
@@ -196,7 +203,8 @@ def test_the_share_that_is_not_worse_counts_what_was_fitted():
     good, bad = made(0.6), made(1.2)
     refused = made(3.0)._replace(fit="REFUSED")
     outcomes = [
-        simulated.SimulatedOutcome(k, "slope", (one,), "") for k, one in enumerate((good, bad, refused))
+        simulated.SimulatedOutcome(k, "slope", (outcome,), "")
+        for k, outcome in enumerate((good, bad, refused))
     ]
     rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
     assert rows["speed, not worse"]["value"] == 0.5

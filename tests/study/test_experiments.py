@@ -115,8 +115,8 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
 
 def test_a_number_that_no_motion_shows_is_as_uncertain_as_before():
     file = load("small")
-    still = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
-    _, result = outcome(("still", still), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0)
+    resting = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
+    _, result = outcome(("still", resting), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0)
     assert result.errors == pytest.approx(1.0, rel=1e-3)
 
 
@@ -146,7 +146,7 @@ def test_unknown_robots_have_the_gains_and_dead_zones_that_are_reported():
     assert np.all(np.abs(np.log(ratio[:, 0] / ratio[:, 1])) < np.log(1.25 / 0.75 * 1.3))
     zones = np.concatenate([np.ravel([robot.forward, robot.backward]) for robot in robots])
     assert 0.0 <= zones.min() < 0.05 < 0.35 < zones.max() <= DEAD_ZONE
-    one = robots_drawn(1, 0)
-    same = one.changed(gain=file.vehicle.drivetrain.gain[None])
+    robot = robots_drawn(1, 0)
+    same = robot.changed(gain=file.vehicle.drivetrain.gain[None])
     value = robot_values(same)["model.actuator_matrix[0,0]"][0]
     assert gains(same, file)[0] == pytest.approx(value / 3.38)

@@ -95,12 +95,12 @@ def test_readings_of_the_sound_run_are_taken_out_where_they_are_of_the_damaged_o
     file, run = case_study
     rng = np.random.default_rng(0)
     damaged = not_numbers(run, file, rng)
-    left, lost = undamaged(run, damaged, file)
-    np.testing.assert_array_equal(left.sensors["imu"].z, damaged.sensors["imu"].z)
+    restored, lost = undamaged(run, damaged, file)
+    np.testing.assert_array_equal(restored.sensors["imu"].z, damaged.sensors["imu"].z)
     assert lost == np.mean(np.isnan(damaged.sensors["imu"].z))
     late = repeated_time(run, file, rng)
-    left, lost = undamaged(run, late, file)
-    gone = np.isnan(left.sensors["imu"].z).all(axis=1)
+    restored, lost = undamaged(run, late, file)
+    gone = np.isnan(restored.sensors["imu"].z).all(axis=1)
     assert 0.02 < lost == gone.mean() < 0.25
     repeats = np.flatnonzero(np.diff(late.sensors["imu"].t_ns) == 0) + 1
     assert np.all(gone[repeats])

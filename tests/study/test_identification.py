@@ -61,9 +61,9 @@ def test_a_car_can_be_given_any_true_number(path):
     numbers = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
     result = car_numbers(with_car_numbers(cars, {path: numbers}))
     np.testing.assert_allclose(result[path], numbers)
-    for other, before in car_numbers(cars).items():
-        if other != path:
-            np.testing.assert_allclose(result[other], before)
+    for name, before in car_numbers(cars).items():
+        if name != path:
+            np.testing.assert_allclose(result[name], before)
 
 
 def test_what_is_known_beforehand_bounds_what_no_reading_shows():
@@ -141,7 +141,7 @@ def test_sound_figures_are_usable():
 
 
 @pytest.mark.parametrize(
-    ("how", "message"),
+    ("bars", "message"),
     [
         ({"sd": 0.7}, "of the intervals hold the truth"),
         ({"sd": 1.6}, "of the intervals hold the truth"),
@@ -157,8 +157,8 @@ def test_sound_figures_are_usable():
         ),
     ],
 )
-def test_each_figure_that_is_missed_is_a_reason(how, message):
-    study = study_of(**how)
+def test_each_figure_that_is_missed_is_a_reason(bars, message):
+    study = study_of(**bars)
     assert study.verdict == "WARN"
     assert message in "; ".join(study.reasons)
 

@@ -60,22 +60,22 @@ def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, ru
     recorded, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
     free = (*FREE, "model.drivetrain.delay_s")
     first = identify(recorded, car, free, use=("imu",))
-    again = identify(recorded, first.vehicle_file, free, use=("imu",))
-    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+    second = identify(recorded, first.vehicle_file, free, use=("imu",))
+    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
 
 
-@pytest.mark.parametrize(("run", "other"), [("a", "b"), ("b", "a")])
+@pytest.mark.parametrize(("run", "held_out"), [("a", "b"), ("b", "a")])
 def test_innovations_that_the_other_run_contradicts_are_neither_advised_nor_believed(
-    cpm_recordings, run, other
+    cpm_recordings, run, held_out
 ):
     """By the IMU alone their speed on the other run is 2.9 and 1.9 times as wrong as that of the simulation error."""
-    recorded, unseen = (import_run(MAPS[name]).run for name in (run, other))
+    recorded, unseen = (import_run(MAPS[name]).run for name in (run, held_out))
     car, errors = load("car").with_values(BARE), []
     for cost in ("simulation", "innovations"):
         fit = identify(recorded, car, FREE, use=("imu",), options=FitOptions(cost=cost))
         values = {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
         errors.append(float(predicted(car.with_values(values), unseen, "auto").rmse[0]))
-        assert not any(one.code in ("cost.innovations", "cost.try-innovations") for one in fit.notes)
+        assert not any(note.code in ("cost.innovations", "cost.try-innovations") for note in fit.notes)
     assert errors[1] > 1.5 * errors[0]
     assert fit.verdict == "WARN"
     assert fit.reasons[0].code == "cost.neither"

@@ -38,9 +38,11 @@ def test_it_imports_nothing_of_the_house():
     for path in Path(truth.__file__).parent.glob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-        modules += [one.name for node in ast.walk(tree) if isinstance(node, ast.Import) for one in node.names]
-        ours = [name for name in modules if name.startswith("baqueano")]
-        assert all(name.startswith("baqueano.study.truth") for name in ours), path.name
+        modules += [
+            alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+        ]
+        own_modules = [name for name in modules if name.startswith("baqueano")]
+        assert all(name.startswith("baqueano.study.truth") for name in own_modules), path.name
 
 
 def test_straight_on_the_forces_balance_at_the_final_speed():
@@ -202,10 +204,10 @@ def test_its_step_is_fine_enough_however_the_delay_falls(made, us):
 
 def test_who_stands_beside_it_changes_nothing():
     two = draw_robots(2, 5)
-    both, alone = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
+    both, single = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
     for k in range(20):
         u = np.array([[0.5, 0.0, 0.2], [0.8, 0.0, -0.4]]) * (k % 3)
-        np.testing.assert_array_equal(both.tick(u, 0.01)[1:], alone.tick(u[1:], 0.01))
+        np.testing.assert_array_equal(both.tick(u, 0.01)[1:], single.tick(u[1:], 0.01))
 
 
 def test_on_a_steady_circle_a_car_steers_more_by_its_understeer_gradient():

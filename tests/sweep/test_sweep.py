@@ -97,14 +97,18 @@ def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells
             raise KeyboardInterrupt
 
     part = one_process(**cells, processes=1, keep=tmp_path, each=until_two)
-    assert (len(part.drives), part.requested, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    assert (len(part.drives), part.requested, [reason.code for reason in part.reasons]) == (
+        2,
+        4,
+        ["sweep.part"],
+    )
     kept = sorted(tmp_path.glob("*.json"))
     assert len(kept) == 2
     kept[0].write_text(
         kept[0].read_text()[:40]
     )  # half of a file: not what this program writes, so driven again
-    again = one_process(**cells, processes=2, keep=tmp_path)
-    assert rows_of(again) == rows_of(result)
+    second = one_process(**cells, processes=2, keep=tmp_path)
+    assert rows_of(second) == rows_of(result)
     assert len(list(tmp_path.iterdir())) == 4
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert rows_of(one_process(**cells, processes=1, keep=tmp_path)) == rows_of(result)
@@ -126,8 +130,8 @@ def test_a_kept_drive_is_of_its_blocks_text_and_seed(tmp_path, monkeypatch, smal
         )
     assert len(names) == 3
     from_class = one_process(small, routes=ROUTE, controllers=["my.py:Mine", "kanayama"], processes=1)
-    ours, theirs = from_class.drives
-    assert ours.figures == theirs.figures
+    by_class, by_text = from_class.drives
+    assert by_class.figures == by_text.figures
 
 
 def test_recorded_runs_are_replayed_through_estimators_alone(small):
@@ -138,8 +142,8 @@ def test_recorded_runs_are_replayed_through_estimators_alone(small):
     assert [row["estimator"] for row in result.rows()] == ["augmented_ekf", "dead_reckoning"]
     assert all(np.isnan(row["across_rms_m"]) and row["ate_m"] > 0.0 for row in result.rows())
     assert result.cells()[1]["ate_m_ratio"] == 1.0
-    again = bq.compare(bq.replay(run)).rows()[0]
-    assert result.rows()[0]["rpe_m"] == pytest.approx(again["rpe_m"], rel=1e-12)
+    replayed = bq.compare(bq.replay(run)).rows()[0]
+    assert result.rows()[0]["rpe_m"] == pytest.approx(replayed["rpe_m"], rel=1e-12)
     with refused("sweep.of-runs", UsageError, what="controllers"):
         one_process(run, controllers="lqr")
 

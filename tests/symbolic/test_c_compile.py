@@ -135,8 +135,8 @@ def test_flags_that_a_compiler_refuses_are_left_out(monkeypatch, cache):
     flag_sets = compile._flag_sets
 
     def with_refused_flags(*arguments):
-        first, *others = flag_sets(*arguments)
-        return [(*first, "-march=no-such-processor"), *others]
+        first, *remaining = flag_sets(*arguments)
+        return [(*first, "-march=no-such-processor"), *remaining]
 
     monkeypatch.setattr(compile, "_flag_sets", with_refused_flags)
     assert compile.load(answer(46)).answer() == 46

@@ -144,10 +144,10 @@ def test_choices_in_a_row_by_one_condition_are_branches_in_a_row():
 
 def test_two_conditions_that_wait_for_each_other_are_taken_apart():
     t = Text()
-    other = t.make("lt", t.x, t.y)
+    condition = t.make("lt", t.x, t.y)
     a = t.make("where", t.flag, t.long(t.x), t.x)
-    b = t.make("where", other, t.long(t.y), t.y)
-    c = t.make("where", other, t.long(t.make("cos", a)), a)  # with b, if it did not need a
+    b = t.make("where", condition, t.long(t.y), t.y)
+    c = t.make("where", condition, t.long(t.make("cos", a)), a)  # with b, if it did not need a
     d = t.make("where", t.flag, t.long(t.make("cos", b)), b)  # with a, if it did not need b
     statements = schedule([c, d], is_leaf)
     check(statements, set(), [c, d])

@@ -54,8 +54,8 @@ def off_the_kinks(case, expected):
     """Where other last digits change nothing: on a kink, back ends may take either side."""
     draw, steady = np.random.default_rng(0), [np.ones(reference.shape, bool) for reference in expected]
     for _ in range(8):
-        other = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
-        for k, values in enumerate(other):
+        rounded = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
+        for k, values in enumerate(rounded):
             steady[k] &= np.abs(values - expected[k]) < 1e-6
     return steady
 
@@ -189,8 +189,12 @@ def test_nan_goes_where_it_is_read_and_nowhere_else():
     reads = [make(op, x) for op in ("sin", "exp", "tanh", "log", "sqrt", "abs", "sign", "floor", "atan")]
     reads += [make(op, x, y) for op in ("min", "max", "add", "atan2", "hypot")]
     reads += [make(op, y, x) for op in ("min", "max", "mul", "atan2", "hypot")]
-    apart = [make("where", make("isnan", x), y, x), make("where", make("lt", x, y), x, y), make("lt", x, y)]
-    case = one_step([*reads, *apart], graph, (k,), (x, y))
+    separate = [
+        make("where", make("isnan", x), y, x),
+        make("where", make("lt", x, y), x, y),
+        make("lt", x, y),
+    ]
+    case = one_step([*reads, *separate], graph, (k,), (x, y))
     case.inputs[:] = [[np.nan, 2.0]]
     outputs, _ = case.run()
     assert np.isnan(outputs[0, : len(reads)]).all()

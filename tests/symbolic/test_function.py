@@ -102,8 +102,8 @@ def test_trees_go_in_and_come_out_as_they_are(backend):
     turn = function(rotate, *ARGUMENTS, backend=backend)
     assert turn.backend == backend
     assert_same(turn(*ARGUMENTS), rotate(*ARGUMENTS))
-    other = (ARGUMENTS[0]._replace(mean=np.array([-1.0, 0.5]), t_ns=3), -2.0, *ARGUMENTS[2:])
-    assert_same(turn(*other), rotate(*other))
+    arguments = (ARGUMENTS[0]._replace(mean=np.array([-1.0, 0.5]), t_ns=3), -2.0, *ARGUMENTS[2:])
+    assert_same(turn(*arguments), rotate(*arguments))
 
 
 def test_results_of_two_calls_are_apart(backend):
@@ -178,12 +178,12 @@ def test_an_equal_text_is_the_same_text():
 def test_a_compiled_block_steps_as_the_block(backend):
     block = Filter(np.array([0.5, 0.25]))
     fast = compiled(block, backend=backend)
-    belief, other = block.init(), fast.init()
+    belief, fast_belief = block.init(), fast.init()
     for k in range(4):
         z = np.array([1.0, -k, 2.0])
         belief, output = block.step(belief, z, k)
-        other, said_fast = fast.step(other, z, t_ns=k)
-        assert_same(other, belief)
+        fast_belief, said_fast = fast.step(fast_belief, z, t_ns=k)
+        assert_same(fast_belief, belief)
         assert_same(said_fast["box"], output["box"])
         assert said_fast["fresh"] == output["fresh"]
     assert fast.backend == backend
@@ -313,20 +313,20 @@ class Apart:
 
 def test_a_state_that_comes_back_is_reported_with_what_was_written_into_it(backend):
     plain, fast = Apart(), compiled(Apart(), backend=backend)
-    belief, other = plain.init(), fast.init()
+    belief, fast_belief = plain.init(), fast.init()
     for k in range(6):
         belief, output = plain.step(belief, 0.5 * k)
-        other, computed = fast.step(other, 0.5 * k)
-        for state in (belief, other):
+        fast_belief, computed = fast.step(fast_belief, 0.5 * k)
+        for state in (belief, fast_belief):
             if k == 2:
                 state.mean[1] = -7.0
-        assert_same(other, belief)
+        assert_same(fast_belief, belief)
         assert computed == pytest.approx(output, rel=1e-14)
-        assert type(other.t_ns) is int
-    before = other.mean.copy()
-    again, _ = fast.step(other, 9.0)  # a result is never written to again
-    assert_same(other.mean, before)
-    assert_same(fast.step(other, 9.0)[0], again)
+        assert type(fast_belief.t_ns) is int
+    before = fast_belief.mean.copy()
+    kept_belief, _ = fast.step(fast_belief, 9.0)  # a result is never written to again
+    assert_same(fast_belief.mean, before)
+    assert_same(fast.step(fast_belief, 9.0)[0], kept_belief)
 
 
 def test_where_a_zero_does_not_last_the_general_kernel_runs(backend):

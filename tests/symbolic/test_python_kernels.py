@@ -61,10 +61,10 @@ def test_every_lane_is_a_run_of_its_own(seed):
     is_shared = (True, False, True)
     shared, own = case.inputs[:, [0, 2]], draw.normal(size=(lanes, case.n, 1))
     outputs = np.empty((lanes, case.n, len(program.outputs)))
-    final, again = np.empty((lanes, len(program.carry))), np.empty((lanes, len(program.carry)))
+    final, final_copy = np.empty((lanes, len(program.carry))), np.empty((lanes, len(program.carry)))
     case.kernel.batch(lanes, case.n, theta, start, shared, own, is_shared, outputs, final)
-    case.kernel.batch(lanes, case.n, theta, start, shared, own, is_shared, None, again)
-    close(again, final)
+    case.kernel.batch(lanes, case.n, theta, start, shared, own, is_shared, None, final_copy)
+    close(final_copy, final)
     for k in range(lanes):
         case.theta, case.start = theta[k], start[k]
         case.inputs = np.column_stack([shared[:, 0], own[k], shared[:, 1]])

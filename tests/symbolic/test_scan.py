@@ -205,15 +205,15 @@ def test_normal_equations_are_those_of_the_sensitivities(backend, huber):
 
 def test_lanes_are_runs_side_by_side(kernel):
     theta = np.array([THETA, 1.1 * THETA, 0.9 * THETA])
-    given, others = pushes(), pushes(seed=1)
-    u = np.stack([given.u, others.u, -others.u])
+    given, second = pushes(), pushes(seed=1)
+    u = np.stack([given.u, second.u, -second.u])
     start = START._replace(x=np.array([[0.3, 0.0], [0.1, 0.2], [-0.5, 1.0]]))
     last, output = kernel.batch(given._replace(u=u), theta, carry=start, outputs=True)
     assert output.y.shape == (3, N, 2)
     assert last.t_ns.tolist() == [2**50 + 10 * (N - 1)] * 3
     for k in range(3):
-        one, each = kernel.run(given._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
-        close(last.cov[k], one.cov)
+        single, each = kernel.run(given._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
+        close(last.cov[k], single.cov)
         close(output.y[k], each.y)
     assert kernel.batch(given._replace(u=u), theta, carry=start)[1] is None
 
@@ -226,8 +226,8 @@ def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(k
     def start(theta):
         return START._replace(x=theta[:2] * 0.1)
 
-    other = scan(filtered, start, EXAMPLE, THETA, backend=backend)
-    close(other.batch(pushes(), theta)[0].x[1], other.run(pushes(), theta[1])[0].x)
+    compiled = scan(filtered, start, EXAMPLE, THETA, backend=backend)
+    close(compiled.batch(pushes(), theta)[0].x[1], compiled.run(pushes(), theta[1])[0].x)
 
 
 def test_lanes_of_a_matrix_that_is_not_symmetric(kernel):

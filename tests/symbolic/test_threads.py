@@ -33,19 +33,19 @@ def made(backend="c"):
 def test_threads_that_ask_at_once_get_what_one_gets():
     u, theta = np.random.default_rng(0).normal(size=(50, 2)), np.array([0.5, -0.3, 1.2])
     reference = made().sensitivities(u, theta)
-    one, together = made(), Barrier(THREADS)
-    graph = one.trace.graph
+    kernel, together = made(), Barrier(THREADS)
+    graph = kernel.trace.graph
     graph.nodes = Slow(graph.nodes)
 
     def sensitivities(_):
         together.wait()
-        return one.sensitivities(u, theta)
+        return kernel.sensitivities(u, theta)
 
     with ThreadPoolExecutor(THREADS) as pool:
         results = list(pool.map(sensitivities, range(THREADS)))
     numbers = [node.index for node in graph.nodes.values()]
     assert len(set(numbers)) == len(numbers)
-    assert len(one.runners) == 1
+    assert len(kernel.runners) == 1
     for outputs, slopes in results:
         np.testing.assert_array_equal(outputs, reference[0])
         np.testing.assert_array_equal(slopes, reference[1])

@@ -41,8 +41,8 @@ def test_an_array_is_named_as_a_whole_or_by_an_entry():
         "e_max[1]",
         "e_max[2]",
     )
-    one = search_space(load("small"), ["e_max[1]"], {"e_max": (0.01, 1.0)}, "lqr")
-    assert (one.names, one.low[0], one.high[0]) == (("e_max[1]",), 0.01, 1.0)
+    space = search_space(load("small"), ["e_max[1]"], {"e_max": (0.01, 1.0)}, "lqr")
+    assert (space.names, space.low[0], space.high[0]) == (("e_max[1]",), 0.01, 1.0)
 
 
 def test_the_gradient_by_an_entry_is_exact():

@@ -66,8 +66,10 @@ def test_a_search_without_gradients_finds_nothing_better(small, tuned):
 
     drive = rehearse(small, ROUTE, **PAPERS)
     bounds = list(zip(drive.space.low, drive.space.high, strict=True))
-    other = differential_evolution(drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8)
-    assert tuned.cost <= other.fun * (1 + 1e-4)
+    evolved = differential_evolution(
+        drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8
+    )
+    assert tuned.cost <= evolved.fun * (1 + 1e-4)
 
 
 def test_tuned_gains_drive_better_than_those_of_the_file(tuned):
@@ -100,14 +102,16 @@ def test_a_price_on_the_command_gives_a_calmer_drive(small, tuned):
 
 
 def test_moving_and_turning_the_route_changes_no_cost(small):
-    there = moved(ROUTE, np.array([3.0, -2.0, 3.0]))
-    assert rehearse(small, there).cost(GAINS) == pytest.approx(rehearse(small, ROUTE).cost(GAINS), rel=1e-6)
+    moved_route = moved(ROUTE, np.array([3.0, -2.0, 3.0]))
+    assert rehearse(small, moved_route).cost(GAINS) == pytest.approx(
+        rehearse(small, ROUTE).cost(GAINS), rel=1e-6
+    )
 
 
 def test_a_gain_at_its_limit_is_reported(small):
     tuned = tune(small, circle(0.4, 0.3), bounds={"alpha": (3.0, 4.0)}, starts=1)
     assert tuned.values["alpha"] == pytest.approx(4.0, rel=1e-2)
-    (reason,) = (one for one in tuned.reasons if one.code == "tune.at-upper-limit")
+    (reason,) = (reason for reason in tuned.reasons if reason.code == "tune.at-upper-limit")
     assert (reason.subject, reason.figures) == ("alpha", {"limit": 4.0, "unit": "unit of u per m"})
 
 
@@ -127,9 +131,9 @@ def test_a_file_without_gains_gets_them(small):
 
 def test_the_file_takes_the_gains_with_where_they_come_from(tuned, tmp_path):
     path = tuned.save(tmp_path / "mine.toml")
-    again = load(path)
-    assert again.controller().beta == pytest.approx(tuned.values["beta"])
-    assert again.provenance["controller.beta"].run == "tune, perfect pose"
+    updated = load(path)
+    assert updated.controller().beta == pytest.approx(tuned.values["beta"])
+    assert updated.provenance["controller.beta"].run == "tune, perfect pose"
     assert "# the scale;" in path.read_text(encoding="utf-8")
 
 
@@ -178,8 +182,8 @@ def test_the_slope_over_vehicles_is_exact_one_after_the_other_and_in_lanes(ident
     np.testing.assert_allclose(slope, numeric, rtol=2e-3)
     for name in ("LANES_FROM", "TICKS_FROM"):
         monkeypatch.setattr(sys.modules[Rehearsal.__module__], name, 2)
-    again, lanes = drive.cost_and_gradient(GAINS)
-    assert again == pytest.approx(cost, rel=1e-9) == drive.cost(GAINS)
+    total, lanes = drive.cost_and_gradient(GAINS)
+    assert total == pytest.approx(cost, rel=1e-9) == drive.cost(GAINS)
     np.testing.assert_allclose(lanes, slope, rtol=1e-6)
 
 
@@ -227,7 +231,7 @@ def test_effort_has_a_price_of_its_own(small):
 def test_a_route_faster_than_the_vehicle_is_refused(small):
     tuned = tune(small, circle(2.0, 4.0), starts=1, duration_s=5.0)
     assert tuned.verdict == Verdict.REFUSED
-    assert [one.code for one in tuned.reasons] == ["tune.uncontrolled"]
+    assert [reason.code for reason in tuned.reasons] == ["tune.uncontrolled"]
 
 
 @pytest.mark.parametrize(

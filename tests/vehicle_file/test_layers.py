@@ -54,18 +54,18 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
     if not with_tomlkit:
         monkeypatch.setitem(sys.modules, "tomlkit", None)
     small = load("small")
-    other = override(small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.gate_sigma=5"])
-    assert (other.vehicle.mass_kg, other.vehicle.friction.linear[0]) == (0.7, 4.0)
-    assert other.estimator().gate_sigma == 5.0
+    changed = override(small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.gate_sigma=5"])
+    assert (changed.vehicle.mass_kg, changed.vehicle.friction.linear[0]) == (0.7, 4.0)
+    assert changed.estimator().gate_sigma == 5.0
     assert small.vehicle.mass_kg == 0.61
-    assert other.layers == (
+    assert changed.layers == (
         "garage: small", "--set model.mass_kg=0.7", "--set model.friction.linear[0]=4", "--set "
         "estimator.gate_sigma=5",
     )  # fmt: skip
-    assert [row["key"] for row in changes(small, other)] == [
+    assert [row["key"] for row in changes(small, changed)] == [
         "model.mass_kg", "model.friction.linear", "estimator.gate_sigma",
     ]  # fmt: skip
-    assert parse(other.text, "again").vehicle.mass_kg == 0.7
+    assert parse(changed.text, "again").vehicle.mass_kg == 0.7
 
 
 @pytest.mark.parametrize(
@@ -91,8 +91,8 @@ def test_what_makes_no_sense_on_the_command_line_is_a_matter_of_usage(setting, p
 
 def test_a_block_of_ones_own_is_found_beside_the_vehicle_file(workshop):
     file = load(workshop / "my.toml")
-    mine = file.controller()
-    assert (type(mine).__name__, mine.k_x, mine.vehicle) == ("Mine", 2.0, file.vehicle)
+    controller = file.controller()
+    assert (type(controller).__name__, controller.k_x, controller.vehicle) == ("Mine", 2.0, file.vehicle)
 
 
 def test_its_fields_are_the_keys_of_its_table(workshop):
@@ -101,9 +101,9 @@ def test_its_fields_are_the_keys_of_its_table(workshop):
         'kind = "mine.py:Mine"',
         'kind = "mine.py:Mine"\nk_x = 5\nsteps = 2\nflag = true\nword = "b"\ngains = [1, 2]',
     )
-    mine = parse(text, "my.toml", file.path).controller()
-    assert (mine.k_x, mine.steps, mine.flag, mine.word) == (5.0, 2, True, "b")
-    assert isinstance(mine.gains, np.ndarray)
+    controller = parse(text, "my.toml", file.path).controller()
+    assert (controller.k_x, controller.steps, controller.flag, controller.word) == (5.0, 2, True, "b")
+    assert isinstance(controller.gains, np.ndarray)
 
 
 @pytest.mark.parametrize(
@@ -128,9 +128,9 @@ def test_its_table_is_checked_like_ours(workshop, line, part):
 
 def test_another_block_than_the_file_names_takes_the_keys_it_knows(workshop):
     small = load("small")
-    mine = small.controller(kind=f"{workshop / 'mine.py'}:Mine", k_x=7.0)
-    assert (mine.k_x, mine.steps) == (7.0, 3)
-    _, command = mine.step(None, None, Command(5, np.zeros(3)))
+    controller = small.controller(kind=f"{workshop / 'mine.py'}:Mine", k_x=7.0)
+    assert (controller.k_x, controller.steps) == (7.0, 3)
+    _, command = controller.step(None, None, Command(5, np.zeros(3)))
     assert command.t_ns == 5
 
 
@@ -241,5 +241,9 @@ def test_the_documentation_in_spanish_has_the_same_keys_defaults_and_no_english_
     assert [row["key"] for row in spanish] == [row["key"] for row in english]
     assert "| `mass_kg` | masa m | kg |  | 0,001 a 100000 | obligatorio |" in page
     pairs = list(zip(english, spanish, strict=True))
-    assert [theirs for ours, theirs in pairs if ours["meaning"] == theirs["meaning"] != "√V"] == []
-    assert all(ours["default"] == theirs["default"] for ours, theirs in pairs if ours["default"][:1] == "`")
+    assert [spanish for english, spanish in pairs if english["meaning"] == spanish["meaning"] != "√V"] == []
+    assert all(
+        english["default"] == spanish["default"]
+        for english, spanish in pairs
+        if english["default"][:1] == "`"
+    )

@@ -68,7 +68,7 @@ def exact(changes, delay_s, lag_s, times):
     return np.array([out[t] for t in times])
 
 
-def ours(vehicle, imus, steps_s, changes):
+def simulated_outputs(vehicle, imus, steps_s, changes):
     """The same by the vehicle's own step, one command a tick."""
     state, states = vehicle.init(), [imu.init() for imu in imus]
     t, out = 0.0, []
@@ -106,7 +106,7 @@ def errors(delay_s, lag_s, dt_s):
     N = round(DURATION_S / dt_s)
     times = [float(t) for t in np.round(dt_s * np.arange(1, N + 1), 12)]
     slots = int(np.ceil(delay_s / dt_s)) + 1 if delay_s else 0
-    readings = ours(vehicle_with(delay_s, lag_s, slots), IMUS, np.full(N, dt_s), changes)
+    readings = simulated_outputs(vehicle_with(delay_s, lag_s, slots), IMUS, np.full(N, dt_s), changes)
     return np.abs(readings - exact(changes, delay_s, lag_s, times)).max(axis=0)
 
 
@@ -146,7 +146,7 @@ def test_ticks_of_any_length_feel_a_command_at_its_time():
     changes = [(float(t), rng.uniform(-1.0, 1.0, 3) * (k % 4 == 0)) for k, t in enumerate(begins)]
     changes[0] = (0.0, np.zeros(3))
     times = [float(t) for t in np.cumsum(steps_s) if t < DURATION_S]
-    readings = ours(vehicle_with(0.013, LAG_S, 4), IMUS, steps_s, changes)[: len(times)]
+    readings = simulated_outputs(vehicle_with(0.013, LAG_S, 4), IMUS, steps_s, changes)[: len(times)]
     assert np.all(np.abs(readings - exact(changes, 0.013, LAG_S, times)).max(axis=0)[:9] < 5e-4)
 
 
@@ -233,7 +233,7 @@ def test_the_error_of_every_vehicle_falls_with_the_fourth_power_of_the_tick(kind
     for dt_s in ticks:
         each = round(ticks[0] / dt_s)
         imus, steps_s = [Imu(rate_hz=1e5)] * bool(accelerate), np.full(each * len(moments), dt_s)
-        had = ours(made(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
+        had = simulated_outputs(made(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
         differences.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
     worst = np.array(differences)
     moved = worst[0] > 1e-11  # else there is nothing but rounding

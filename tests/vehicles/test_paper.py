@@ -25,8 +25,8 @@ def test_the_model_is_equ_movement_equation(nu, u):
     M = np.diag([M_KG, M_KG, I])
     C = M_KG * np.array([[0.0, 0.0, -nu[1]], [0.0, 0.0, nu[0]], [nu[1], -nu[0], 0.0]])
     D = np.diag(DL + DC * np.abs(nu))
-    left = M @ CASE_I.nu_dot(nu, 20.0 * u) + C @ nu + D @ nu
-    assert left == pytest.approx(T @ (20.0 * u), rel=1e-9, abs=1e-8)
+    forces = M @ CASE_I.nu_dot(nu, 20.0 * u) + C @ nu + D @ nu
+    assert forces == pytest.approx(T @ (20.0 * u), rel=1e-9, abs=1e-8)
 
 
 @QUICK

@@ -50,12 +50,12 @@ class FakeLink:
 
 
 @asynccontextmanager
-async def live_page(tmp_path, **how):
+async def live_page(tmp_path, **options):
     """Serve a fake vehicle."""
     link, lab, shelf = FakeLink(), Lab(), Shelf(tmp_path)
     live = Live(link, lambda: server.visitors)
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    server = Server(page.receive, page.left, shelf.body, **how)
+    server = Server(page.receive, page.left, shelf.body, **options)
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
     server.foxglove = live.foxglove
     live.begin()

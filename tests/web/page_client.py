@@ -50,13 +50,13 @@ def folder_of(path: Path, **runs: Run) -> Path:
 
 
 @asynccontextmanager
-async def recorded_page(folder: Path, *opened: str, **how: Any) -> AsyncIterator[Server]:
+async def recorded_page(folder: Path, *opened: str, **options: Any) -> AsyncIterator[Server]:
     """Serve the runs of a folder."""
     lab = Lab()
     paths = tuple((folder / f"{name}.mcap").resolve() for name in opened)
     shelf = Shelf(folder, paths)
     page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-    server = Server(page.receive, page.left, shelf.body, **how)
+    server = Server(page.receive, page.left, shelf.body, **options)
     try:
         async with server:
             yield server
@@ -113,10 +113,10 @@ def address(server: Server) -> str:
 
 
 @asynccontextmanager
-async def line_to(server: Server, **how: Any) -> AsyncIterator[ClientConnection]:
+async def line_to(server: Server, **options: Any) -> AsyncIterator[ClientConnection]:
     """Connect as a page of the server does."""
     host = address(server)
-    given = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | how
+    given = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | options
     async with connect(f"ws://{host}/ws", **given) as line:
         yield line
 
@@ -125,10 +125,10 @@ async def line_to(server: Server, **how: Any) -> AsyncIterator[ClientConnection]
 async def browser(server: Server, lang: str = "en", **hello: Any) -> AsyncIterator[Browser]:
     """Open a page and say hello."""
     async with line_to(server) as line:
-        one = Browser(line)
-        await one.say("hello", lang=lang, **hello)
-        one.hello = await one.next("hello")
-        yield one
+        visitor = Browser(line)
+        await visitor.say("hello", lang=lang, **hello)
+        visitor.hello = await visitor.next("hello")
+        yield visitor
 
 
 async def request(

@@ -95,9 +95,9 @@ SENTENCES = {
 def fields() -> list[dict[str, str]]:
     made = [{"name": name, "unit": "", "group": name, "label": name} for name in PLAIN]
     made += [
-        {"name": f"{kind}.{k}", "unit": "duty", "group": one["name"], "label": one["name"]}
+        {"name": f"{kind}.{k}", "unit": "duty", "group": entry["name"], "label": entry["name"]}
         for kind in ("u", "asked")
-        for k, one in enumerate(COMMAND)
+        for k, entry in enumerate(COMMAND)
     ]
     return made + [
         {"name": f"{kind}.{name}", "unit": unit, "group": name, "label": label}
@@ -144,7 +144,7 @@ def row(tick: int, off: float = 0.02) -> list[float]:
     return (
         plain
         + u
-        + [one * 1.05 for one in u]
+        + [value * 1.05 for value in u]
         + [m + v for m, v in zip(model, innovation, strict=True)]
         + model
         + innovation
@@ -154,7 +154,7 @@ def row(tick: int, off: float = 0.02) -> list[float]:
 
 def packed(number: int, first: int, count: int, off: float = 0.02) -> bytes:
     rows = [row(tick, off) for tick in range(first, first + count)]
-    flat = [value for one in rows for value in one]
+    flat = [value for row in rows for value in row]
     return struct.pack("<IId", number, count, first / RATE) + struct.pack(f"<{len(flat)}f", *flat)
 
 
@@ -169,7 +169,7 @@ class Scripted:
         self.guests: list[tuple[ServerConnection, str]] = []
         self.holder: ServerConnection | None = None
         self.state, self.kind = "MISSION", "repeat"
-        self.gains = {f"controller.{one['name']}": one["file"] for one in GAINS}
+        self.gains = {f"controller.{gain['name']}": gain["file"] for gain in GAINS}
         self.tick, self.running, self.frozen = 6000, True, False
         self.paused, self.pace, self.shared = False, 1.0, False
         self.faults = Faults()
@@ -265,7 +265,7 @@ class Scripted:
             for text in guest:
                 self._word(guest, json.loads(text))
         finally:
-            self.guests = [one for one in self.guests if one[0] is not guest]
+            self.guests = [entry for entry in self.guests if entry[0] is not guest]
             self.holder = None if self.holder is guest else self.holder
 
     def _word(self, guest: ServerConnection, word: dict[str, Any]) -> None:
@@ -298,11 +298,13 @@ class Scripted:
             self.put(self.faults.take(word, self.tick / RATE, self._language(guest)))
         elif word["is"] == "set":
             self.gains[word["path"]] = word["value"]
-            for one, _ in list(self.guests):
-                one.send(json.dumps({"is": "blocks", "blocks": BLOCKS, "gains": self.gains, "swapped": {}}))
+            for visitor, _ in list(self.guests):
+                visitor.send(
+                    json.dumps({"is": "blocks", "blocks": BLOCKS, "gains": self.gains, "swapped": {}})
+                )
 
     def _language(self, guest: ServerConnection) -> str:
-        return next((language for one, language in self.guests if one is guest), "en")
+        return next((language for visitor, language in self.guests if visitor is guest), "en")
 
     def _lease(self) -> None:
         for guest, _ in list(self.guests):
@@ -320,7 +322,7 @@ class Scripted:
 
     def _open(self, guest: ServerConnection, run: str, ghost: str | None, through: str | None) -> None:
         for stream, key, off in ((1, run, 0.02), (2, run if through else ghost, 0.08)):
-            about = next((one for one in RUNS if one["id"] == key), None)
+            about = next((run for run in RUNS if run["id"] == key), None)
             if about is None:
                 continue
             events = [

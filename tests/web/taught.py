@@ -43,7 +43,7 @@ def taught(language: str, live: bool) -> dict[str, Any]:
              "falta: deslizarse de costado un poco y rápido, como en giros a muchas velocidades")  # fmt: skip
     now = [min(0.9, 10 ** (-0.35 - 0.27 * j)) for j in range(len(KNOWN))]
     fit = {
-        "t": 24.0, "took_s": 0.31, "value": [None, *(one[2] for one in KNOWN[1:])],
+        "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in KNOWN[1:])],
         "sd": [None, *(1.7 * sd for sd in now[1:])], "verdict": "USABLE", "verdict_is": "USABLE",
         "why": None,
     }  # fmt: skip

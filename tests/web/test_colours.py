@@ -62,9 +62,9 @@ def lab(colour: str, eye: str) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def distance(one: np.ndarray, two: np.ndarray) -> float:
+def distance(first: np.ndarray, two: np.ndarray) -> float:
     """Return ΔE00 of two colours in L*, a*, b*."""
-    (l1, a1, b1), (l2, a2, b2) = one, two
+    (l1, a1, b1), (l2, a2, b2) = first, two
     c = (np.hypot(a1, b1) + np.hypot(a2, b2)) / 2
     g = 1.5 - 0.5 * np.sqrt(c**7 / (c**7 + 25.0**7))
     c1, c2 = np.hypot(g * a1, b1), np.hypot(g * a2, b2)
@@ -89,7 +89,7 @@ def distance(one: np.ndarray, two: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    ("one", "two", "expected"),
+    ("first", "two", "expected"),
     [  # Sharma, Wu and Dalal (2005), table 1: rows 1, 7, 14, 17, 25 and 33
         ((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
         ((50, 0, 0), (50, -1, 2), 2.3669),
@@ -99,8 +99,8 @@ def distance(one: np.ndarray, two: np.ndarray) -> float:
         ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
     ],
 )
-def test_the_distance_is_that_of_the_paper(one, two, expected):
-    assert distance(np.array(one), np.array(two)) == pytest.approx(expected, abs=1e-4)
+def test_the_distance_is_that_of_the_paper(first, two, expected):
+    assert distance(np.array(first), np.array(two)) == pytest.approx(expected, abs=1e-4)
 
 
 def test_an_eye_without_the_green_cone_takes_red_for_olive():

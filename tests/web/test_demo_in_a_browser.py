@@ -81,9 +81,9 @@ class Simulated(Exception):
 def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opened):
     started, process = [], subprocess.Popen
 
-    def starts(command, **how):
+    def starts(command, **options):
         started.append(command)
-        return process([sys.executable, "-c", ""], **how)
+        return process([sys.executable, "-c", ""], **options)
 
     def simulated(*words):
         raise Simulated
@@ -95,4 +95,4 @@ def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opened)
     monkeypatch.setattr("baqueano.study.demo.demo", simulated)
     with pytest.raises(Simulated):
         command.main(list(words), standalone_mode=False)
-    assert [one[2] for one in started] == (["baqueano.web.lab.playback"] if opened else [])
+    assert [call[2] for call in started] == (["baqueano.web.lab.playback"] if opened else [])

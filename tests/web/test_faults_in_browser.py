@@ -65,7 +65,7 @@ def test_push_cut_read_the_ledger_and_drive_again_without(chromium, tmp_path):
                 tab.close()
     first, twin = (read_run(path) for path in sorted((folder / "runs").glob("*.mcap"))[-2:])
     faults = [faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events) for run in (first, twin)]
-    assert [one.kind for one in faults[0]] == ["push", "cut"]
+    assert [fault.kind for fault in faults[0]] == ["push", "cut"]
     assert faults[1] == faults[0][:1]
     n = round(faults[0][1].at_s * 100)
     assert (first.truth.eta[:n] == twin.truth.eta[:n]).all()

@@ -50,13 +50,19 @@ def _static(monkeypatch, tmp_path):
 def test_ne1_it_listens_on_loopback_and_where_it_is_shared(folder):
     async def job():
         async with recorded_page(folder) as server:
-            assert [one.getsockname()[0] for listener in server._servers for one in listener.sockets] == [
-                "127.0.0.1"
-            ]
+            assert [
+                listening_socket.getsockname()[0]
+                for listener in server._servers
+                for listening_socket in listener.sockets
+            ] == ["127.0.0.1"]
             with pytest.raises(OSError, match="failed"):
                 await asyncio.open_connection("127.0.0.2", server.port)
         async with recorded_page(folder, shared_at="127.0.0.2") as server:
-            listening = {one.getsockname() for listener in server._servers for one in listener.sockets}
+            listening = {
+                listening_socket.getsockname()
+                for listener in server._servers
+                for listening_socket in listener.sockets
+            }
             assert listening == {("127.0.0.1", server.port), ("127.0.0.2", server.port)}
 
     run_page(job)
@@ -156,9 +162,9 @@ def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
     async def job():
         async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
             for role, token in server.guard.tokens.items():
-                async with browser(server, token=token) as one:
-                    assert one.hello["role"] == role.word
-                    assert one.hello["shared"]  # the page says what that risks
+                async with browser(server, token=token) as visitor:
+                    assert visitor.hello["role"] == role.word
+                    assert visitor.hello["shared"]  # the page says what that risks
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello"}))
                 assert json.loads(await line.recv())["code"] == "web.token"
@@ -244,9 +250,9 @@ def test_ne6_a_link_in_the_folder_of_runs_leads_nowhere(tmp_path):
     (runs / "link.mcap").symlink_to(secret)
 
     async def job():
-        async with recorded_page(runs) as server, browser(server) as one:
-            assert [run["name"] for run in one.hello["runs"]] == ["circle"]
-            word = one.hello["runs"][0]["id"]
+        async with recorded_page(runs) as server, browser(server) as visitor:
+            assert [run["name"] for run in visitor.hello["runs"]] == ["circle"]
+            word = visitor.hello["runs"][0]["id"]
             assert len(word) == 24
             (runs / "circle.mcap").unlink()
             (runs / "circle.mcap").symlink_to(secret)
@@ -257,11 +263,11 @@ def test_ne6_a_link_in_the_folder_of_runs_leads_nowhere(tmp_path):
 
 def test_ne6_a_run_is_opened_by_its_word_alone(folder):
     async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
             for run in ("circle", "../runs/circle.mcap", str(folder / "circle.mcap"), 3, {"a": 1}, None):
-                await one.say("open", run=run)
+                await visitor.say("open", run=run)
                 if run:
-                    assert (await one.next("no"))["to"] == "open"
+                    assert (await visitor.next("no"))["to"] == "open"
 
     run_page(job)
 
@@ -303,9 +309,9 @@ def test_ne8_no_file_of_the_page_names_another_place():
     for path, asset in static(serving.STATIC).items():
         text = asset.content.decode("utf-8", "replace")
         foreign = [
-            one
-            for one in re.findall(r"(?:https?|wss?)://[\w.${}]+", text)
-            if "www.w3.org" not in one and "${" not in one
+            address
+            for address in re.findall(r"(?:https?|wss?)://[\w.${}]+", text)
+            if "www.w3.org" not in address and "${" not in address
         ]
         assert not foreign, f"{path}: {foreign}"
         assert not re.search(r"\b(innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\()", text), path
@@ -319,8 +325,8 @@ def test_ne8_hostile_names_stay_text(tmp_path):
     runs = folder_of(tmp_path / "runs", evil=run)
 
     async def job():
-        async with recorded_page(runs, "evil") as server, browser(server, name=name) as one:
-            assert one.hello["vehicle"]["name"] == one.hello["you"] == name
+        async with recorded_page(runs, "evil") as server, browser(server, name=name) as visitor:
+            assert visitor.hello["vehicle"]["name"] == visitor.hello["you"] == name
             assert (await request(server, f"GET /{name.replace(' ', '')} HTTP/1.1"))[2] == b"404 Not Found\n"
 
     run_page(job)

@@ -43,7 +43,7 @@ def driven():
 
 def rows_of(run):
     packed = recorded(run)
-    return [one["name"] for one in packed.fields], packed.x.tolist()
+    return [column["name"] for column in packed.fields], packed.x.tolist()
 
 
 def fitted(drive, seconds=60.0):
@@ -81,7 +81,7 @@ def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
         drive.state()
     state = fitted(drive)
     assert state["fit"]["verdict"] in ("USABLE", "WARN")
-    k = [one["path"] for one in state["parameters"]].index("actuator_matrix[0,0]")
+    k = [parameter["path"] for parameter in state["parameters"]].index("actuator_matrix[0,0]")
     value, sd = state["fit"]["value"][k], state["fit"]["sd"][k]
     truth = float(small.value("model.actuator_matrix[0,0]"))
     assert abs(value - 2.0) > 0.3  # no longer the guess
@@ -152,7 +152,7 @@ def test_ticks_that_never_came_are_driven_but_measure_nothing(driven):
 def test_every_parameter_of_the_garage_has_a_name_for_people():
     for name in ("small", "car", "case-study-1"):
         drive = DriveIdentification(load(name), "numpy")
-        labels = [label_of(one) for one in drive._free]
+        labels = [label_of(parameter) for parameter in drive._free]
         drive.close()
         assert labels
         assert len(set(map(str, labels))) == len(labels)
@@ -167,7 +167,7 @@ class Sledge(FromAcceleration):
 def test_a_users_own_parameter_is_called_as_its_class_calls_it():
     blocks = FittedBlocks(Sledge(), load("small").sensors)
     names = {key: label_of(described(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
-    assert {key: one.figures["meaning"] for key, one in names.items()} == {
+    assert {key: note.figures["meaning"] for key, note in names.items()} == {
         "pull": "rope",
         "glide": "drag on snow",
     }
@@ -187,19 +187,19 @@ def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, 
                 link.on_word(
                     {"is": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
                 )
-            async with browser(server, "es") as one, browser(server) as other:
-                await one.say("identify", on=True)
-                first = await one.next("identify")
+            async with browser(server, "es") as visitor, browser(server) as second:
+                await visitor.say("identify", on=True)
+                first = await visitor.next("identify")
                 assert first["parameters"][0]["label"] == "fricción al avanzar"
-                answer = await one.next("identify", where=lambda word: word["fit"] is not None)
+                answer = await visitor.next("identify", where=lambda word: word["fit"] is not None)
                 assert answer["t"] == 10.0
                 assert answer["fit"]["verdict"]
                 assert "4 s" in answer["next"]["motion"]
-                await other.say("ask", id=7, what="ping")
-                assert (await other.next("answer", "identify"))[
+                await second.say("ask", id=7, what="ping")
+                assert (await second.next("answer", "identify"))[
                     "is"
                 ] == "answer"  # who does not look hears nothing
-                await one.say("identify", on=False)
+                await visitor.say("identify", on=False)
                 await until(lambda: not live.identifying._looking)
                 link.on_word({"is": "frame", "x": [[None] * len(names)]})
 
@@ -213,16 +213,18 @@ def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven):
     write_run(run, folder / "taught.mcap")
 
     async def job():
-        async with recorded_page(folder, "taught") as server, browser(server) as one:
-            await one.say("ask", id=1, what="identify", run=one.hello["open"]["run"])
-            answer = await one.next("answer", where=lambda word: word["to"] == "ask")
+        async with recorded_page(folder, "taught") as server, browser(server) as visitor:
+            await visitor.say("ask", id=1, what="identify", run=visitor.hello["open"]["run"])
+            answer = await visitor.next("answer", where=lambda word: word["to"] == "ask")
             errors = np.array(answer["expected"])
             assert np.all(np.diff(errors, axis=0) <= 1e-9)
             assert len(errors) * answer["step_s"] == pytest.approx(SECONDS, abs=0.3)
-            assert [one["t"] for one in answer["fits"]] == sorted(one["t"] for one in answer["fits"])
+            assert [dated_fit["t"] for dated_fit in answer["fits"]] == sorted(
+                dated_fit["t"] for dated_fit in answer["fits"]
+            )
             assert answer["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
-            await one.say("ask", id=2, what="identify", run="none")
-            assert (await one.next("no"))["code"] == "web.no-run"
+            await visitor.say("ask", id=2, what="identify", run="none")
+            assert (await visitor.next("no"))["code"] == "web.no-run"
 
     run_page(job)
 
@@ -261,7 +263,7 @@ def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven, monkeypatch
     fitted(drive)
     while drive.state()["busy"]:
         time.sleep(0.02)
-    took = [one["fit"]["took_s"] for one in (drive.state(), drive.state())]
+    took = [state["fit"]["took_s"] for state in (drive.state(), drive.state())]
     time.sleep(0.1)
     assert not drive.state()["busy"]
     assert drive.state()["fit"]["took_s"] == took[0] == took[1]
@@ -279,7 +281,7 @@ def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive
     def guessed(drive: int) -> float:
         word = {"vehicle": str(path), "drive": drive, "names": names, "rows": rows[:20]}
         answer, _ = drives.answer(word)
-        k = [one["path"] for one in answer["parameters"]].index("actuator_matrix[0,0]")
+        k = [parameter["path"] for parameter in answer["parameters"]].index("actuator_matrix[0,0]")
         return answer["parameters"][k]["guess"]
 
     assert guessed(1) == 2.0

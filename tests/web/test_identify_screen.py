@@ -45,9 +45,9 @@ def test_the_page_says_when_somebody_looks_and_when_no_more(tab, live):
     opened(tab, live)
     assert not live.words("identify")
     tab.press("2", "Digit2", "2")
-    until(lambda: [one["on"] for one in live.words("identify")] == [True])
+    until(lambda: [word["on"] for word in live.words("identify")] == [True])
     tab.press("1", "Digit1", "1")
-    until(lambda: [one["on"] for one in live.words("identify")] == [True, False])
+    until(lambda: [word["on"] for word in live.words("identify")] == [True, False])
 
 
 def test_an_experiment_begins_from_the_screen_that_shows_it(tab, live):

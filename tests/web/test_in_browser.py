@@ -117,8 +117,8 @@ def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_p
         tab.close()
     run = read_run(max((tmp_path / "runs").glob("*.mcap")))
     set_to = [e.diagnostic.figures for e in run.events if e.source == "set"]
-    assert {one["path"] for one in set_to} >= {"controller.k_x", "controller.k_chi"}
-    k_x = [float(one["now"]) for one in set_to if one["path"] == "controller.k_x"]
+    assert {change["path"] for change in set_to} >= {"controller.k_x", "controller.k_chi"}
+    k_x = [float(change["now"]) for change in set_to if change["path"] == "controller.k_x"]
     assert k_x == [pytest.approx(tuned[1]), 1.0]
 
 

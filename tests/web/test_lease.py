@@ -80,27 +80,27 @@ def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
     clock = Clock()
     lease, counted = Lease(clock), []
     holder, last, n_last = None, float("-inf"), 0
-    for who, word, n, age, later in words:
+    for driver, word, n, age, later in words:
         clock.s += later
         if holder is not None and clock.s > last + HOLDS_S:
             holder = None
         if word == "take":
-            if holder in (None, who):
-                lease.take(who, who)
-                holder, last, n_last = who, clock.s, 0
+            if holder in (None, driver):
+                lease.take(driver, driver)
+                holder, last, n_last = driver, clock.s, 0
             else:
                 with pytest.raises(SafetyStop):
-                    lease.take(who, who)
+                    lease.take(driver, driver)
         elif word == "beat":
-            counts = holder == who and n > n_last and age <= HOLDS_S
-            assert lease.beat(who, n, age) == counts
-            n_last = n if holder == who and n > n_last else n_last
+            counts = holder == driver and n > n_last and age <= HOLDS_S
+            assert lease.beat(driver, n, age) == counts
+            n_last = n if holder == driver and n > n_last else n_last
             last = clock.s if counts else last
-            counted += [who] if counts else []
+            counted += [driver] if counts else []
         elif word == "left":
-            lease.left(who)
-            holder = None if holder == who else holder
-        elif holder == who:
-            lease.give(who)
+            lease.left(driver)
+            holder = None if holder == driver else holder
+        elif holder == driver:
+            lease.give(driver)
             holder = None
         assert lease.holder == holder

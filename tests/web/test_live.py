@@ -20,8 +20,8 @@ def test_hello_says_what_there_is_to_see(tmp_path):
         async with live_page(tmp_path) as (server, link, _):
             assert link.messages[0] == {"do": "watch", "hz": 20.0}
             link.on_word({"is": "routes", "routes": [{"name": "oval"}]})
-            async with browser(server, "es", name="Ana") as one:
-                hello = one.hello
+            async with browser(server, "es", name="Ana") as visitor:
+                hello = visitor.hello
                 assert (hello["mode"], hello["you"], hello["driver"]) == ("live", "Ana", None)
                 assert not hello["shared"]
                 assert hello["vehicle"]["name"] == "small"
@@ -38,14 +38,14 @@ def test_who_comes_late_gets_the_last_minute(tmp_path):
         async with live_page(tmp_path) as (server, link, live):
             for k in range(80):
                 link.frame(float(k), 100, **{"eta.x": k})
-            async with browser(server) as one:
-                await until_frames(one, 1)
-                rows = one.rows(0, len(COLUMNS))
+            async with browser(server) as visitor:
+                await until_frames(visitor, 1)
+                rows = visitor.rows(0, len(COLUMNS))
                 assert rows[0, 0] >= 79 - KEPT_S
                 assert len(rows) == 61 * 100
-                await one.say("history", **{"from": 75.0})
-                await until_frames(one, 2)
-                assert one.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
+                await visitor.say("history", **{"from": 75.0})
+                await until_frames(visitor, 2)
+                assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
             link.frame(0.01)  # another drive begins
             head, *rows = live.feed.history()
             assert HEAD.unpack(head)[1] == len(rows) == 1
@@ -53,13 +53,13 @@ def test_who_comes_late_gets_the_last_minute(tmp_path):
     run_page(job)
 
 
-async def until_frames(one, count):
+async def until_frames(visitor, count):
     """Hear until so many frames have come."""
     async with asyncio.timeout(WAIT_S):
-        while len(one.frames) < count:
-            data = await one.line.recv()
+        while len(visitor.frames) < count:
+            data = await visitor.line.recv()
             if isinstance(data, bytes):
-                one.frames.append(data)
+                visitor.frames.append(data)
 
 
 def test_frames_are_float32_in_the_order_of_the_fields():
@@ -156,13 +156,13 @@ def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
                 assert (await stopper.next("no"))["code"] == "web.role"
                 await stopper.say("stop")
                 await until(lambda: link.requests("stop"))
-                why = link.requests("stop")[0]["why"]
-                assert (why.code, why.figures["words"]) == (StopReason.STOPPED_BY, "eva")
-                link.state("STOPPED", why=why)
-                for one in (driver, stopper, viewer):
+                reason = link.requests("stop")[0]["why"]
+                assert (reason.code, reason.figures["words"]) == (StopReason.STOPPED_BY, "eva")
+                link.state("STOPPED", why=reason)
+                for visitor in (driver, stopper, viewer):
                     assert (
                         "eva"
-                        in (await one.next("state", where=lambda w: w["state"] == "STOPPED"))["sentence"]
+                        in (await visitor.next("state", where=lambda w: w["state"] == "STOPPED"))["sentence"]
                     )
 
     run_page(job)
@@ -268,7 +268,7 @@ def test_a_browser_that_goes_takes_its_lease_with_it(tmp_path):
 def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
     async def job():
         page = live_page(tmp_path)
-        async with page as (server, link, _), browser(server, "es") as uno, browser(server, "en") as one:
+        async with page as (server, link, _), browser(server, "es") as uno, browser(server, "en") as english:
             link.on_word(
                 {"is": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0, 1], "y": [0, 1]}
             )
@@ -282,7 +282,7 @@ def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
                 }
             )
             link.state("MISSION", mission="repeat", laps=3, left_s=12.0, t_s=9.0, pace=1.0, paused=False)
-            state = await one.next("state", where=lambda word: word["state"] == "MISSION")
+            state = await english.next("state", where=lambda word: word["state"] == "MISSION")
             assert (state["lap"], state["laps"], state["mission"]) == (
                 2,
                 3,
@@ -303,10 +303,10 @@ def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
 
 def test_another_vehicle_is_reported_by_another_hello(tmp_path):
     async def job():
-        async with live_page(tmp_path) as (server, link, _), browser(server) as one:
+        async with live_page(tmp_path) as (server, link, _), browser(server) as visitor:
             link.on_word(VEHICLE | {"name": "car"})
             link.on_word({"is": "fields", "names": ["t", "battery"], "units": ["s", "V"]})
-            hello = await one.next("hello")
+            hello = await visitor.next("hello")
             assert hello["vehicle"]["name"] == "car"
             assert [field["label"] for field in hello["fields"]] == ["time", "battery"]
 
@@ -316,14 +316,14 @@ def test_another_vehicle_is_reported_by_another_hello(tmp_path):
 def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
     async def job():
         page = live_page(tmp_path)
-        async with page as (server, link, live), browser(server) as stalled, browser(server) as one:
+        async with page as (server, link, live), browser(server) as stalled, browser(server) as visitor:
             stalled.line.transport.pause_reading()
             for k in range(1500):
                 link.frame(0.05 * k, 5)
                 await asyncio.sleep(0)
             newest = live.feed.number
             while True:
-                data = await asyncio.wait_for(one.line.recv(), WAIT_S)
+                data = await asyncio.wait_for(visitor.line.recv(), WAIT_S)
                 if isinstance(data, bytes) and HEAD.unpack(data[:16])[0] == newest:
                     break
             buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
@@ -335,13 +335,13 @@ def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
 
 def test_a_service_that_ends_is_reported_to_everybody(tmp_path):
     async def job():
-        async with live_page(tmp_path) as (server, link, live), browser(server) as one:
+        async with live_page(tmp_path) as (server, link, live), browser(server) as visitor:
             link.gone = True
-            await one.say("stop")
-            assert (await one.next("no"))["code"] == "web.service-gone"
+            await visitor.say("stop")
+            assert (await visitor.next("no"))["code"] == "web.service-gone"
             live._state = {"is": "state", "state": "STOPPED", "why": stop(StopReason.SERVICE_ENDED)}
             live._changed = True
-            assert (await one.next("state", where=lambda word: word["state"] == "STOPPED"))[
+            assert (await visitor.next("state", where=lambda word: word["state"] == "STOPPED"))[
                 "severity"
             ] == "error"
 
@@ -377,13 +377,13 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
     run_page(job)
 
 
-async def driven(one, link, kind, **more):
+async def driven(visitor, link, kind, **more):
     """Ask for a mission, and beat until it is packed."""
     before, n = len(link.requests("mission")), 0
-    await one.say("take")
-    await one.say("mission", kind=kind, **more)
+    await visitor.say("take")
+    await visitor.say("mission", kind=kind, **more)
     async with asyncio.timeout(WAIT_S):
         while len(link.requests("mission")) == before:
             n += 1
-            await one.say("beat", n=n, seen=0, u=[0.0])
+            await visitor.say("beat", n=n, seen=0, u=[0.0])
             await asyncio.sleep(0.05)

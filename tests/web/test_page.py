@@ -60,7 +60,7 @@ def test_keys_drive_while_held_and_beats_name_the_frame_drawn(tab, live):
     tab.up("a", "KeyA")
     until(lambda: live.words("beat")[-1]["u"] == [0, 0, 0])
     beats = live.words("beat")
-    numbers, frames = [one["n"] for one in beats], [one["seen"] for one in beats]
+    numbers, frames = [beat["n"] for beat in beats], [beat["seen"] for beat in beats]
     assert numbers == sorted(set(numbers))
     assert frames == sorted(frames)
     until(lambda: live.words("beat")[-1]["seen"] > frames[0])

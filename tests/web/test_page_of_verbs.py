@@ -41,10 +41,10 @@ async def looking(port, **hello):
     async with connect(
         f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
     ) as line:
-        one = Browser(line)
-        await one.say("hello", lang="en", **hello)
-        one.hello = await one.next("hello")
-        yield one
+        visitor = Browser(line)
+        await visitor.say("hello", lang="en", **hello)
+        visitor.hello = await visitor.next("hello")
+        yield visitor
 
 
 def ended(verb, within_s=WAIT_S):
@@ -94,15 +94,15 @@ def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
         port = port_of(verb)
 
         async def job():
-            async with looking(port) as one:
-                assert one.hello["vehicle"]["world"] == "simulated"
-                state = await one.next("state", where=lambda word: word["state"] == "OVER")
+            async with looking(port) as visitor:
+                assert visitor.hello["vehicle"]["world"] == "simulated"
+                state = await visitor.next("state", where=lambda word: word["state"] == "OVER")
                 assert "runs" in state["sentence"]
                 with pytest.raises(Exception, match="1000"):
-                    await one.next("never")
-                rows = one.rows(0, len(one.hello["fields"]))
+                    await visitor.next("never")
+                rows = visitor.rows(0, len(visitor.hello["fields"]))
                 assert 0.0 < rows[-1, 0] < 2.02  # the last frame may show the stop
-                assert np.isfinite(rows[-1, [f["name"] for f in one.hello["fields"]].index("truth.x")])
+                assert np.isfinite(rows[-1, [f["name"] for f in visitor.hello["fields"]].index("truth.x")])
 
         run_page(job)
         assert ended(verb) == 0
@@ -119,11 +119,11 @@ def test_a_lesson_with_a_page_is_seen_and_its_route_is_stored(tmp_path):
         port = port_of(verb)
 
         async def job():
-            async with looking(port) as one:
-                state = await one.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
+            async with looking(port) as visitor:
+                state = await visitor.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
                 assert state["mission"]["kind"] == "teach"
-                await one.next("state", where=lambda word: word["state"] == "OVER")
-                assert one.frames
+                await visitor.next("state", where=lambda word: word["state"] == "OVER")
+                assert visitor.frames
 
         run_page(job)
         assert ended(verb) == 0
@@ -137,46 +137,48 @@ def test_a_stop_on_the_page_ends_the_verb_as_a_stop_does(tmp_path):
         port = port_of(verb)
 
         async def job():
-            async with looking(port, name="eva") as one:
-                await one.next(
+            async with looking(port, name="eva") as visitor:
+                await visitor.next(
                     "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
                 )
-                await one.say("mission", kind="drive")
-                assert (await one.next("no"))["to"] == "mission"
-                await one.say("stop")
-                await one.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
+                await visitor.say("mission", kind="drive")
+                assert (await visitor.next("no"))["to"] == "mission"
+                await visitor.say("stop")
+                await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(job)
         assert ended(verb) == 5
-    why = stop_of(read_run(tmp_path / "run.mcap"))
-    assert why.code == StopReason.STOPPED_BY
-    assert why.figures["words"] == "eva"
+    reason = stop_of(read_run(tmp_path / "run.mcap"))
+    assert reason.code == StopReason.STOPPED_BY
+    assert reason.figures["words"] == "eva"
 
 
 def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
-    for how, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
+    for signal_number, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
         with program(
             "baqueano", "experiment", "--vehicle", "small", "--page", cwd=tmp_path, env=PLAIN
         ) as verb:
             port = port_of(verb)
 
             async def job(port=port):
-                async with looking(port) as one:
-                    await one.next("state", where=lambda word: word["state"] == "MISSION")
-                    await one.say("take")
-                    beating = asyncio.create_task(beats(one))
-                    await one.say("pause")
-                    await one.next("state", where=lambda word: word["paused"])  # Ctrl-C ends it all the same
+                async with looking(port) as visitor:
+                    await visitor.next("state", where=lambda word: word["state"] == "MISSION")
+                    await visitor.say("take")
+                    beating = asyncio.create_task(beats(visitor))
+                    await visitor.say("pause")
+                    await visitor.next(
+                        "state", where=lambda word: word["paused"]
+                    )  # Ctrl-C ends it all the same
                     beating.cancel()
 
             run_page(job)
             children = processes_of(verb.pid)
             assert children
-            verb.send_signal(how)
+            verb.send_signal(signal_number)
             code_of_end = ended(verb)
             assert code_of_end == (code if code is not None else code_of_end)
             assert gone(children)
-            if how == signal.SIGINT:
+            if signal_number == signal.SIGINT:
                 plain = subprocess.Popen(
                     [sys.executable, "-m", "baqueano", "experiment", "--vehicle", "small", "--seconds", "600"],
                     cwd=tmp_path, env=PLAIN, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL,
@@ -189,23 +191,25 @@ def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
 
 async def at_the_wheel(port, then):
     """Take the wheel on the page of `drive`, drive ahead for a while, then do `then`."""
-    async with looking(port, name="ana") as one:
-        await one.say("take")
-        beating = asyncio.create_task(ahead(one))
+    async with looking(port, name="ana") as visitor:
+        await visitor.say("take")
+        beating = asyncio.create_task(ahead(visitor))
         try:
-            await one.say("mission", kind="drive")
-            await one.next("state", where=lambda word: word["state"] == "MANUAL" and (word["t_s"] or 0) > 1.0)
-            await then(one)
+            await visitor.say("mission", kind="drive")
+            await visitor.next(
+                "state", where=lambda word: word["state"] == "MANUAL" and (word["t_s"] or 0) > 1.0
+            )
+            await then(visitor)
         finally:
             beating.cancel()
 
 
-async def ahead(one):
+async def ahead(visitor):
     n = 0
     while True:
         n += 1
-        frame = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
-        await one.say("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
+        frame = HEAD.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
+        await visitor.say("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
         await asyncio.sleep(0.04)
 
 
@@ -215,11 +219,11 @@ def test_the_page_of_drive_has_the_wheel_and_ends_the_drive(tmp_path):
     ) as verb:
         port = port_of(verb)
 
-        async def end(one):
-            await one.say("mark")
+        async def end(visitor):
+            await visitor.say("mark")
             await asyncio.sleep(0.3)
-            await one.say("end")
-            await one.next("state", where=lambda word: word["state"] == "OVER")
+            await visitor.say("end")
+            await visitor.next("state", where=lambda word: word["state"] == "OVER")
 
         run_page(lambda: at_the_wheel(port, end))
         assert ended(verb) == 0
@@ -228,17 +232,17 @@ def test_the_page_of_drive_has_the_wheel_and_ends_the_drive(tmp_path):
     assert len([event for event in run.events if event.source == "mark"]) == 1
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, how):
+@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, signal_number):
     with program(
         "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
     ) as verb:
         port = port_of(verb)
         children = processes_of(verb.pid)
 
-        async def dies(one):
+        async def dies(visitor):
             for pid in children:
-                os.kill(pid, how)
+                os.kill(pid, signal_number)
 
         run_page(lambda: at_the_wheel(port, dies))
         assert ended(verb) == 5
@@ -263,10 +267,12 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_verb(tmp_path):
             port = port_of(verb)
 
             async def job():
-                async with looking(port) as one:
-                    await one.next("state", where=lambda word: word["state"] == "MISSION" and one.frames)
+                async with looking(port) as visitor:
+                    await visitor.next(
+                        "state", where=lambda word: word["state"] == "MISSION" and visitor.frames
+                    )
                     begun = time.monotonic()
-                    await one.say("stop")
+                    await visitor.say("stop")
                     _, came = await asyncio.to_thread(watcher.state, "STOPPED")
                     assert came - begun < 2.0  # the machine may be busy
 
@@ -287,7 +293,7 @@ def test_the_page_of_drive_drives_a_robot(tmp_path):
     ) as verb:  # fmt: skip
         port = port_of(verb)
 
-        async def silent(one):
+        async def silent(visitor):
             """Stand there and say nothing, as a hidden tab does: the caller ends the beats."""
 
         run_page(lambda: at_the_wheel(port, silent))
@@ -305,10 +311,10 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
     ) as verb:  # fmt: skip
         port = port_of(verb)
 
-        async def end(one):
-            assert one.hello["vehicle"]["world"] == "emulated"
-            await one.say("stop")
-            await one.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
+        async def end(visitor):
+            assert visitor.hello["vehicle"]["world"] == "emulated"
+            await visitor.say("stop")
+            await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(lambda: at_the_wheel(port, end))
         assert ended(verb) == 5

@@ -152,8 +152,8 @@ def test_scenes_lead_from_the_vehicle_to_what_is_known_and_to_the_gains(tmp_path
         )
         await lab.close()
         scenes = [word["scene"] for word in words if word["is"] == "state"]
-        shown = [one for k, one in enumerate(scenes) if k == 0 or one != scenes[k - 1]]
-        assert [one["screen"] for one in shown] == ["drive", "identify", "tuned", "drive"]
+        shown = [scene for k, scene in enumerate(scenes) if k == 0 or scene != scenes[k - 1]]
+        assert [scene["screen"] for scene in shown] == ["drive", "identify", "tuned", "drive"]
         assert shown[2] == {"screen": "tuned"} | gains
         assert [word["file"] for word in words if word["is"] == "vehicle"] == [
             str(folder / "experiment.mcap"), str(folder / "repeat.mcap"),

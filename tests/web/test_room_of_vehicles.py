@@ -71,7 +71,7 @@ def scanned(tmp_path, *more):
 def test_ne1_ne8_no_port_is_open_to_a_network_and_the_page_needs_none(tmp_path):
     record = scanned(tmp_path)
     assert record["found"] == []
-    assert {one.partition(":")[0] for one in record["listens"]} == {"0100007F"}  # 127.0.0.1
+    assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F"}  # 127.0.0.1
     assert record["title"]  # and there is no way out of that network
 
 
@@ -79,7 +79,7 @@ def test_ne1_ne8_no_port_is_open_to_a_network_and_the_page_needs_none(tmp_path):
 def test_ne1_a_shared_page_opens_one_port_at_one_address(tmp_path):
     record = scanned(tmp_path, "--address", "10.77.0.1")
     assert record["found"] == [record["port"]]
-    assert {one.partition(":")[0] for one in record["listens"]} == {"0100007F", "01004D0A"}
+    assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F", "01004D0A"}
 
 
 def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
@@ -90,19 +90,19 @@ def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
                 await room.enter_async_context(browser(server, name=f"driver {k}"))
                 for k, (server, _, _) in enumerate(pages)
             ]
-            robots = [one.hello["robot"] for one in drivers]
+            robots = [driver.hello["robot"] for driver in drivers]
             assert len(set(robots)) == VEHICLES
 
             async def drives(k):
                 """Drive a vehicle; each beat follows one for the vehicle of the neighbour."""
-                (_, link, live), one, n = pages[k], drivers[k], 0
+                (_, link, live), driver, n = pages[k], drivers[k], 0
                 while len(link.requests("hand")) < EACH:
                     if live.lease.holder is None:  # the machine may be busy
-                        await one.say("take", robot=robots[k])
+                        await driver.say("take", robot=robots[k])
                     link.frame(0.05 * n)
                     for robot, u in ((robots[(k + 1) % VEHICLES], -1.0), (robots[k], k / 100.0)):
                         n += 1
-                        await one.say("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
+                        await driver.say("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
                     await asyncio.sleep(0.05)
 
             async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:

@@ -70,4 +70,4 @@ def test_the_check_finds_what_it_is_for(tab, live, spoil, finds):
         f"p.style.position = 'fixed'; p.style.whiteSpace = 'nowrap'; document.body.append(p); {spoil}; }})()"
     )
     problems = tab.js(BOXES)
-    assert any(one.startswith(finds) for one in problems), problems
+    assert any(problem.startswith(finds) for problem in problems), problems

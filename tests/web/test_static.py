@@ -33,7 +33,9 @@ def source() -> str:
 @pytest.mark.parametrize("path", sorted(STATIC.iterdir()), ids=lambda path: path.name)
 def test_a_file_names_no_address_elsewhere(path):
     addresses = set(re.findall(r"(?:https?|wss?)://[^\s\"'`<>)]*", path.read_text(encoding="utf-8")))
-    assert {one for one in addresses if not one.endswith("://") and "${" not in one} <= NAMESPACES
+    assert {
+        address for address in addresses if not address.endswith("://") and "${" not in address
+    } <= NAMESPACES
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)

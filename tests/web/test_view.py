@@ -64,19 +64,19 @@ def test_a_run_without_ticks_or_estimates_is_shown():
 
 def test_a_browser_gets_the_whole_run_and_its_ghost(folder):
     async def job():
-        async with recorded_page(folder, "circle", "short") as server, browser(server) as one:
-            assert (one.hello["mode"], one.hello["role"]) == ("replay", "drive")
-            assert {run["name"] for run in one.hello["runs"]} == {"circle", "short"}
-            await one.say("open", **one.hello["open"])
-            first = await one.next("answer", where=lambda word: not word["done"])
+        async with recorded_page(folder, "circle", "short") as server, browser(server) as visitor:
+            assert (visitor.hello["mode"], visitor.hello["role"]) == ("replay", "drive")
+            assert {run["name"] for run in visitor.hello["runs"]} == {"circle", "short"}
+            await visitor.say("open", **visitor.hello["open"])
+            first = await visitor.next("answer", where=lambda word: not word["done"])
             assert (first["stream"], first["run"]["kind"]) == (1, "repeat")
             assert first["events"][0]["text"] == "a stone"
             labels = {field["name"]: field["label"] for field in first["fields"]}
             assert labels["z.imu[2]"] == labels["innov.imu[2]"] == "yaw rate of the gyro"
-            await one.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
+            await visitor.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
             columns = len(first["fields"])
-            np.testing.assert_array_equal(one.rows(1, columns), recorded(drive()).x)
-            assert one.rows(2, columns).shape == (40, columns)
+            np.testing.assert_array_equal(visitor.rows(1, columns), recorded(drive()).x)
+            assert visitor.rows(2, columns).shape == (40, columns)
 
     run_page(job)
 
@@ -85,13 +85,15 @@ def test_long_runs_come_in_frames_of_bounded_size(tmp_path):
     long = folder_of(tmp_path / "runs", long=drive("long", 9000))
 
     async def job():
-        async with recorded_page(long, "long") as server, browser(server) as one:
-            await one.say("open", **one.hello["open"])
-            end = await one.next("answer", where=lambda word: word["done"])
+        async with recorded_page(long, "long") as server, browser(server) as visitor:
+            await visitor.say("open", **visitor.hello["open"])
+            end = await visitor.next("answer", where=lambda word: word["done"])
             assert end["seconds"] == pytest.approx(89.99)
-            columns = len(one.hello["fields"])
-            assert [len(frame) for frame in one.frames] == [16 + 4 * columns * n for n in (4096, 4096, 808)]
-            np.testing.assert_allclose(one.rows(1, columns)[:, 0], 0.01 * np.arange(9000), atol=1e-5)
+            columns = len(visitor.hello["fields"])
+            assert [len(frame) for frame in visitor.frames] == [
+                16 + 4 * columns * n for n in (4096, 4096, 808)
+            ]
+            np.testing.assert_allclose(visitor.rows(1, columns)[:, 0], 0.01 * np.arange(9000), atol=1e-5)
 
     run_page(job)
 
@@ -99,12 +101,14 @@ def test_long_runs_come_in_frames_of_bounded_size(tmp_path):
 def test_each_browser_is_answered_in_its_language(folder):
     async def job():
         page = recorded_page(folder, "circle")
-        async with page as server, browser(server, "es") as one, browser(server, "en") as two:
-            labels = [{f["name"]: f["label"] for f in who.hello["fields"]}["t"] for who in (one, two)]
+        async with page as server, browser(server, "es") as spanish, browser(server, "en") as two:
+            labels = [
+                {f["name"]: f["label"] for f in visitor.hello["fields"]}["t"] for visitor in (spanish, two)
+            ]
             assert labels == ["tiempo", "time"]
-            for who in (one, two):
-                await who.say("beat", n=1)
-            answers = [await who.next("no") for who in (one, two)]
+            for visitor in (spanish, two):
+                await visitor.say("beat", n=1)
+            answers = [await visitor.next("no") for visitor in (spanish, two)]
             assert [no["code"] for no in answers] == ["web.no-vehicle"] * 2
             assert answers[0]["why"] != answers[1]["why"]
 
@@ -113,8 +117,8 @@ def test_each_browser_is_answered_in_its_language(folder):
 
 def test_reports_and_runs_are_fetched_by_their_word(folder):
     async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
-            word = next(run["id"] for run in one.hello["runs"] if run["name"] == "short")
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+            word = next(run["id"] for run in visitor.hello["runs"] if run["name"] == "short")
             status, headers, body = await request(server, f"GET /run/{word} HTTP/1.1")
             assert (status, body) == (200, (folder / "short.mcap").read_bytes())
             assert headers["Content-Disposition"] == 'attachment; filename="short.mcap"'
@@ -133,8 +137,8 @@ def test_the_list_of_runs_says_what_each_one_is(folder):
     (folder / "broken.mcap").write_bytes(b"no run")
 
     async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
-            listed = {run["name"]: run for run in (await one.next("runs"))["runs"]}
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+            listed = {run["name"]: run for run in (await visitor.next("runs"))["runs"]}
             assert listed["circle"]["seconds"] == pytest.approx(2.99)
             assert listed["broken"]["kind"] == "?"
 

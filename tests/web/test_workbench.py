@@ -106,5 +106,5 @@ def test_a_ghost_is_paired_by_marks(tab):
         tab.wait(f"{replay}.by === 'mark' && {replay}.pairs?.map[3000] === 3200")
 
 
-def requests_of(live, what):
-    return [word for word in live.words("ask") if word["what"] == what]
+def requests_of(live, subject):
+    return [word for word in live.words("ask") if word["what"] == subject]

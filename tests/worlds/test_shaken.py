@@ -45,11 +45,11 @@ def test_without_a_fault_it_is_the_simulated_world():
 
 @pytest.mark.parametrize("words", ALL)
 def test_a_fault_changes_something_from_its_first_tick_on_and_nothing_before(words):
-    one = Fault.of_words(words)
-    rows, twin = driven(world(shake=[one])), driven(world())
-    first = round(one.at_s * FILE.rate_hz)
+    fault = Fault.of_words(words)
+    rows, twin = driven(world(shake=[fault])), driven(world())
+    first = round(fault.at_s * FILE.rate_hz)
     np.testing.assert_array_equal(rows[:first], twin[:first])
-    if one.kind != "lose":  # the command does not change here, but readings do
+    if fault.kind != "lose":  # the command does not change here, but readings do
         assert np.any(rows[first:] != twin[first:])
     else:
         assert np.mean(rows[first:190, 8] == 0.0) == pytest.approx(0.3, abs=0.1)
@@ -63,12 +63,12 @@ def test_a_fault_that_is_taken_away_leaves_the_noise_of_the_others():
 
 
 def test_a_push_is_its_impulse_over_the_mass_in_either_frame():
-    still = {"u": (0.0, 0.0, 0.0), "seconds": 0.5 + PUSH_S}
+    standing = {"u": (0.0, 0.0, 0.0), "seconds": 0.5 + PUSH_S}
     heavy = FILE.with_values({"model.friction.linear": [0.0] * 3, "model.friction.coulomb": [0.0] * 3,
                               "model.friction.quadratic": [0.0] * 3, "model.process_noise_std": [0.0] * 3})  # fmt: skip
     for words in ("0.5 s: push 0.3 N s left", {"kind": "push", "at_s": 0.5, "x": -0.3, "frame": "map"}):
         pushed = world(file=heavy, shake=[words], eta0=np.array([0.0, 0.0, np.pi / 2.0]))
-        nu = driven(pushed, **still)[-1, 3:6]
+        nu = driven(pushed, **standing)[-1, 3:6]
         np.testing.assert_allclose(nu, [0.0, 0.3 / 0.61, 0.0], atol=1e-9)
         event = pushed.new_events()[0][1]
         assert event.figures["way"].code == "shake.way-left"
@@ -109,10 +109,10 @@ def test_a_shaken_run_holds_its_faults_and_is_made_again_bit_for_bit(tmp_path):
     run = repeat(FILE, circle(0.3, 0.2), shake=ALL, seed=4, duration_s=3.0, path=path)
     kept = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
     assert sorted(kept, key=str) == sorted(map(Fault.of_words, ALL), key=str)
-    again = repeat(FILE, circle(0.3, 0.2), shake=kept, seed=4, duration_s=3.0)
-    for one, other in ((run.truth.eta, again.truth.eta), (run.estimate.eta, again.estimate.eta),
-                       (run.applied, again.applied), (run.sensors["imu"].z, again.sensors["imu"].z)):  # fmt: skip
-        np.testing.assert_array_equal(one, other)
+    second = repeat(FILE, circle(0.3, 0.2), shake=kept, seed=4, duration_s=3.0)
+    for series, repeated in ((run.truth.eta, second.truth.eta), (run.estimate.eta, second.estimate.eta),
+                       (run.applied, second.applied), (run.sensors["imu"].z, second.sensors["imu"].z)):  # fmt: skip
+        np.testing.assert_array_equal(series, repeated)
 
 
 def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
@@ -127,7 +127,7 @@ def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
     rows = driven(lively, at=at)
     events = [(t_ns, SHAKE_SOURCE, event) for t_ns, event in lively.new_events()]
     kept = faults_in(events)
-    assert [one.kind for one in kept] == ["drift", "tilt", "tilt", "push"]
+    assert [fault.kind for fault in kept] == ["drift", "tilt", "tilt", "push"]
     assert (kept[0].at_s, kept[0].for_s) == (0.5, pytest.approx(0.7))
     assert kept[1].for_s == pytest.approx(0.5)
     np.testing.assert_array_equal(driven(world(shake=kept)), rows)
@@ -188,21 +188,21 @@ def rows_of(words, seconds=8.0):
 
 def test_the_ledger_says_who_noticed_and_when():
     _, row = rows_of("4 s: push 0.4 N s left")
-    nis = next(one for one in row.noticed if one.who == "nis")
+    nis = next(notice for notice in row.noticed if notice.who == "nis")
     assert 0.0 < nis.after_s < 0.1
     assert nis.message.figures["nis"] > nis.message.figures["most"]
     _, row = rows_of("4-6 s: cut imu")
-    stop = next(one for one in row.noticed if one.who == "supervisor")
+    stop = next(notice for notice in row.noticed if notice.who == "supervisor")
     assert stop.after_s == pytest.approx(0.5, abs=0.05)  # imu_timeout_s
     _, row = rows_of("4 s: drift imu[2] 1")
-    assert "monitor" in [one.who for one in row.noticed]
+    assert "monitor" in [notice.who for notice in row.noticed]
 
 
 def test_what_an_earlier_fault_left_is_not_of_the_next():
     u = np.tile([0.5, 0.0, 0.1], (600, 1))
     run = experiment(FILE, u, seed=1, shake=["3 s: push 0.4 N s left", "3.5 s: drift imu[2] 0.02"])
     push, drift = ledger_of(run, FILE).rows
-    assert "nis" in [one.who for one in push.noticed]
+    assert "nis" in [notice.who for notice in push.noticed]
     assert drift.noticed == []
 
 

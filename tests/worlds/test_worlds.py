@@ -45,17 +45,17 @@ def test_the_world_is_the_pure_step_with_the_noise_of_its_names():
 
 
 def test_a_sensor_more_changes_nobody_elses_noise():
-    alone, _ = ticks_of(SENSORS)
+    without, _ = ticks_of(SENSORS)
     both, _ = ticks_of(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
-    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(alone, both, strict=True))
+    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(without, both, strict=True))
 
 
 def test_bundled_reading_gives_the_same_ticks():
-    one, _ = ticks_of(SENSORS)
+    first, _ = ticks_of(SENSORS)
     seven, _ = ticks_of(SENSORS, n=602, bundle=7)
     assert all(
         a.t_ns == b.t_ns and np.array_equal(a.sensors.imu.z, b.sensors.imu.z)
-        for a, b in zip(one, seven, strict=False)
+        for a, b in zip(first, seven, strict=False)
     )
 
 
@@ -138,7 +138,7 @@ def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
     ticks, _ = ticks_of(SENSORS, n=200)
     world = ReplayedWorld(run_of(ticks[:50] + ticks[150:]))
     assert world.times == [t.t_ns for t in ticks]
-    assert [(one.code, one.figures["count"]) for one in world.notes] == [("replay.holes", 100)]
+    assert [(note.code, note.figures["count"]) for note in world.notes] == [("replay.holes", 100)]
     hole = world.read(world.times[-1])[50:150]
     assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
 

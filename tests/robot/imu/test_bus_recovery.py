@@ -25,7 +25,7 @@ def lines(tmp_path, monkeypatch):
     """`lines(bits)`: a chip on two lines. A machine that is busy with other things is not what is tested here."""
     monkeypatch.setattr(bus_recovery, "CALL_S", 60.0)
     monkeypatch.setattr(bus_recovery, "ALL_S", 600.0)
-    return lambda bits, **what: on_path(tmp_path, monkeypatch, bits, **what)
+    return lambda bits, **options: on_path(tmp_path, monkeypatch, bits, **options)
 
 
 def as_it_was(pins):

@@ -39,11 +39,11 @@ def test_a_mission_that_was_not_ended_is_named_with_its_blocks(boot, tmp_path):
 
 def test_a_mission_that_was_ended_or_cut_by_the_power_is_not(boot, tmp_path):
     assert Journal(tmp_path).unfinished() is None
-    one = Journal(tmp_path)
-    one.begin(MISSION, "1.mcap")
-    one.end()
+    journal = Journal(tmp_path)
+    journal.begin(MISSION, "1.mcap")
+    journal.end()
     assert Journal(tmp_path).unfinished() is None
-    one.begin(MISSION, "2.mcap")
+    journal.begin(MISSION, "2.mcap")
     boot.write_text("another\n")
     assert Journal(tmp_path).unfinished() is None
 
@@ -63,10 +63,10 @@ def test_a_journal_that_is_damaged_names_nothing(boot, tmp_path):
 
 
 def test_a_disk_that_takes_no_journal_keeps_no_vehicle_from_driving(boot, tmp_path):
-    one = Journal(tmp_path / "there is no such folder")
-    one.begin(MISSION, "1.mcap")
-    one.end()
-    assert one.unfinished() is None
+    journal = Journal(tmp_path / "there is no such folder")
+    journal.begin(MISSION, "1.mcap")
+    journal.end()
+    assert journal.unfinished() is None
 
 
 def test_nobody_feeds_the_watchdog_once_a_thread_is_lost():

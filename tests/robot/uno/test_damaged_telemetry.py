@@ -79,8 +79,8 @@ def replaced(frames, rng):
     """1 to 12 bytes in a row are others."""
     place, n = rng.integers(1, 33, EACH), rng.integers(1, 13, EACH)
     column = np.arange(frames.shape[1])
-    there = (column >= place[:, None]) & (column < (place + n)[:, None])
-    return np.where(there, rng.integers(256, size=frames.shape, dtype=np.uint8), frames)
+    mask = (column >= place[:, None]) & (column < (place + n)[:, None])
+    return np.where(mask, rng.integers(256, size=frames.shape, dtype=np.uint8), frames)
 
 
 def cut(frames, rng):
@@ -97,17 +97,17 @@ def inserted(frames, rng):
     place, n = rng.integers(1, 46, EACH), rng.integers(1, 9, EACH)
     column = np.arange(frames.shape[1] + 8)
     after = column >= (place + n)[:, None]
-    there = (column >= place[:, None]) & ~after
+    mask = (column >= place[:, None]) & ~after
     source = np.where(after, column - n[:, None], np.minimum(column, frames.shape[1] - 1))
     longer = np.take_along_axis(frames, np.minimum(source, frames.shape[1] - 1), axis=1)
-    longer = np.where(there, rng.integers(256, size=longer.shape, dtype=np.uint8), longer)
+    longer = np.where(mask, rng.integers(256, size=longer.shape, dtype=np.uint8), longer)
     return longer[column < (frames.shape[1] + n)[:, None]]
 
 
-def joined(frames, others, rng):
+def joined(frames, next_frames, rng):
     """The head of one with the tail of another."""
     place = rng.integers(2, 44, EACH)
-    return np.where(np.arange(frames.shape[1]) < place[:, None], frames, others)
+    return np.where(np.arange(frames.shape[1]) < place[:, None], frames, next_frames)
 
 
 DAMAGE = {  # name: (what it does, whether a CRC of 16 bits sees all of it)

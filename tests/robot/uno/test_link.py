@@ -229,10 +229,10 @@ def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_ha
         line.say(state(0)._replace(t_us=device(measured_ns)))
         measurements = uno.receive()
         for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
-            there, back = rng.uniform(0.2, 1.2, 2) * MS
+            forth_ns, back = rng.uniform(0.2, 1.2, 2) * MS
             late = 4 * MS if rng.random() < 0.15 else 0
-            line.say(Pong(ping.token, device(line.now_ns + round(there))))
-            line.now_ns += round(there + back) + late
+            line.say(Pong(ping.token, device(line.now_ns + round(forth_ns))))
+            line.now_ns += round(forth_ns + back) + late
             uno.pump()
         line.sent.clear()
         if k > 1000:
