@@ -27,13 +27,13 @@ def main() -> int:
     wrong = [name for name in args.names if name not in BENCHES]
     if wrong:
         parser.error(f"no bench {wrong[0]!r}: expected one of {', '.join(BENCHES)}")
-    rows, met = [], True
+    rows, all_met = [], True
     for name in args.names or BENCHES:
         for bench in importlib.import_module(f"benchmarks.{name}").benches(args.smallest):
             rows += bench.as_rows()
-            met = met and bench.met
+            all_met = all_met and bench.met
             print(bench.table() + "\n", file=sys.stderr if args.json else sys.stdout, flush=True)
-    verdict = "NOT JUDGED" if args.smallest else "MET" if met else "MISSED"
+    verdict = "NOT JUDGED" if args.smallest else "MET" if all_met else "MISSED"
     if args.json:
         print(json.dumps({"rows": rows, "verdict": verdict}))
     elif args.smallest:

@@ -22,7 +22,7 @@ def nu_dot(nu, u, np=np):
     return (np.array([PUSH * u[0], 0.0, TWIST * u[2]]) - DRAG * nu) / MASS + turning
 
 
-def moved(x, u, keep, np=np):
+def next_state(x, u, keep, np=np):
     """g (13,); `keep` (2,) is what a disturbance keeps in a tick."""
 
     def rate(pose, nu):
@@ -43,7 +43,7 @@ def moved(x, u, keep, np=np):
     return np.concatenate([pose, ahead, keep * d, x[8:]])
 
 
-def shown(x, u, np=np):
+def imu_readings(x, u, np=np):
     """h (3,)."""
     nu = x[3:6]
     rate = nu_dot(nu, u, np)
@@ -58,7 +58,7 @@ class Filterpy:
 
         class Moved(ExtendedKalmanFilter):
             def predict_x(self, u=0):
-                self.x = moved(self.x, u, keep)
+                self.x = next_state(self.x, u, keep)
 
         self.ekf, self.keep = Moved(dim_x=13, dim_z=3), keep
         self.ekf.x, self.ekf.P, self.ekf.Q, self.ekf.R = np.zeros(13), P0.copy(), R, Q  # it swaps the letters
@@ -66,7 +66,7 @@ class Filterpy:
     def step(self, u, z):
         """The state after a tick (13,)."""
         self.predicted(u)
-        self.ekf.update(z, self._of_readings, lambda x: shown(x, u))
+        self.ekf.update(z, self._of_readings, lambda x: imu_readings(x, u))
         return self.ekf.x
 
     def predicted(self, u):
@@ -123,8 +123,8 @@ def dynamax(u, z, keep, P0, R, Q) -> Any:
     first = Filterpy(keep, P0, R, Q).predicted(u[0])  # it begins with a measurement
     params = ParamsNLGSSM(
         initial_mean=jnp.asarray(first.x), initial_covariance=jnp.asarray(first.P), dynamics_covariance=jnp.asarray(R),
-        dynamics_function=lambda x, u: moved(x, u, jnp.asarray(keep), jnp),
-        emission_function=lambda x, u: shown(x, u, jnp), emission_covariance=jnp.asarray(Q),
+        dynamics_function=lambda x, u: next_state(x, u, jnp.asarray(keep), jnp),
+        emission_function=lambda x, u: imu_readings(x, u, jnp), emission_covariance=jnp.asarray(Q),
     )  # fmt: skip
     u, z = jnp.asarray(u), jnp.asarray(z)
     run = jax.jit(lambda: extended_kalman_filter(params, z, inputs=u).filtered_means)

@@ -37,13 +37,13 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
     """The delays of a stop and of a message, quiet and flooded, and the memory of guests."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the door", "it is a socket of Unix")]
-    with before_others() as share, served(2 if smallest else RUNS) as (service, guest, door):
+    with before_others() as share, serve_vehicle(2 if smallest else RUNS) as (service, guest, door):
         stops = _stops(guest, door, 1 if smallest else 20, share)
         return [*stops, _memory(service, guest, door, 0.5 if smallest else 10.0)]
 
 
 @contextmanager
-def served(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
+def serve_vehicle(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
     """The process of a service with so many runs, somebody at its door, and the door."""
     with ExitStack() as open_things:
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
@@ -104,11 +104,11 @@ def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench 
 
 
 def _memory(service: int, guest: "Teacher", door: Path, seconds: float) -> Bench:
-    before, grown = grown_mb(service, guest, door, seconds)
-    note = f"{grown:+.1f} MB to {before:.0f} MB (at most {MOST_MB:g})"
+    before, growth_mb = grown_mb(service, guest, door, seconds)
+    note = f"{growth_mb:+.1f} MB to {before:.0f} MB (at most {MOST_MB:g})"
     return Bench(
         f"memory of the service while {MANY} guests ask for `runs`, half of whom read nothing",
-        (Row(f"{seconds:g} s of it", seconds, 1.0, missed=grown > MOST_MB, note=note),),
+        (Row(f"{seconds:g} s of it", seconds, 1.0, missed=growth_mb > MOST_MB, note=note),),
     )
 
 
@@ -203,7 +203,7 @@ def serve(folder: str) -> None:
     claimed()
     first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0
 
-    def stamped(self: Any, command: Any) -> None:
+    def write_with_stamp(self: Any, command: Any) -> None:
         nonlocal moves, ticks
         write(self, command)
         zero, ticks = not np.any(command.u), ticks + 1
@@ -213,7 +213,7 @@ def serve(folder: str) -> None:
             )
         moves = not zero
 
-    ShakenWorld.write = stamped
+    ShakenWorld.write = write_with_stamp
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     service.run()
     door.close()
@@ -223,7 +223,7 @@ def flooding(door: str, number: str) -> None:
     """Say `runs` without end; of more than FLOODING guests every second one reads nothing."""
     words, look = b'{"do": "runs"}\n' * 1000, selectors.DefaultSelector()
     for k in range(int(number)):
-        _come(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
+        _connect_guest(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
     print("they are here", flush=True)
     while True:
         for key, events in look.select():
@@ -238,10 +238,10 @@ def flooding(door: str, number: str) -> None:
             except OSError:  # it read nothing, and was let go
                 look.unregister(line)
                 line.close()  # pyright: ignore[reportAttributeAccessIssue]
-                _come(look, door, reads)
+                _connect_guest(look, door, reads)
 
 
-def _come(look: selectors.BaseSelector, door: str, reads: bool) -> None:
+def _connect_guest(look: selectors.BaseSelector, door: str, reads: bool) -> None:
     line = socket.socket(socket.AF_UNIX)
     line.connect(door)
     line.setblocking(False)

@@ -49,7 +49,7 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
     """The whole fit, from the run to the estimates and their errors."""
     from scipy.optimize import least_squares
 
-    run, u = _recorded(duration_s, 3)
+    run, u = _record_run(duration_s, 3)
     z = run.sensors["imu"].z
     truth, m, I = peers.parameters()
     first = 0.5 * truth
@@ -74,23 +74,25 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
     cost = [float(np.sum(_huber(compiled(theta)))) for theta in (fit.estimate, reference.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
-    own_name, named = "identify()", "SciPy least_squares, Huber, NumPy loop"
+    own_name, scipy_name = "identify()", "SciPy least_squares, Huber, NumPy loop"
     reference_text = (
         f"{calls} simulations, {'extrapolated from one' if extrapolated else 'one round'}; cost {cost[1]:.6g}"
     )
-    notes = {named: reference_text, own_name: f"cost {cost[0]:.6g}, {fit.evaluations} evaluations"}
+    notes = {scipy_name: reference_text, own_name: f"cost {cost[0]:.6g}, {fit.evaluations} evaluations"}
     cases = [Case(own_name, lambda: _fitted(run, True)), Case("without doubts", lambda: _fitted(run))]
     if find_spec("jax") is not None:
         _, in_jax = _in_jax(u, z, fit.estimate, fit.sd)
         cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))
     seconds = interleaved(cases)
     rows = [row(case.name, s, seconds[0], {}, notes) for case, s in zip(cases, seconds, strict=True)]
-    return Bench(_title(duration_s), (*rows, row(named, theirs_s, seconds[0], {named: 3000.0}, notes)))
+    return Bench(
+        _title(duration_s), (*rows, row(scipy_name, theirs_s, seconds[0], {scipy_name: 3000.0}, notes))
+    )
 
 
 def against_jax(duration_s: float) -> Bench:
     """The same search by the same optimiser, fed by our kernel and by JAX's."""
-    run, u = _recorded(duration_s, 3)
+    run, u = _record_run(duration_s, 3)
     z, first = run.sensors["imu"].z, 0.5 * peers.parameters()[0]
     kernel, low = _kernel(FILE.vehicle, whitened=True), np.array([0.0] * 6 + [-np.inf] * 9)
 
@@ -124,7 +126,7 @@ def _in_jax(
 
 def ten_times(duration_s: float) -> Bench:
     """One run, and one of ten times its length."""
-    runs = [_recorded(duration_s * k, 3)[0] for k in (1, 10)]
+    runs = [_record_run(duration_s * k, 3)[0] for k in (1, 10)]
     cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fitted(run)) for run in runs]
     return measured(
         "fit of 15 parameters over a run of ten times the length", cases, {}, most={cases[1].name: 11.0}
@@ -133,7 +135,7 @@ def ten_times(duration_s: float) -> Bench:
 
 def several_runs(duration_s: float) -> Bench:
     """Four runs, on all processors, and on one without a second worker, which would wait for the lock there."""
-    runs = [_recorded(duration_s / 4.0, seed)[0] for seed in range(4)]
+    runs = [_record_run(duration_s / 4.0, seed)[0] for seed in range(4)]
     everywhere = os.sched_getaffinity(0)
 
     def one_process():
@@ -153,7 +155,7 @@ def _title(duration_s: float) -> str:
     return f"fit of 15 parameters over {duration_s:g} s at 100 Hz"
 
 
-def _recorded(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:
+def _record_run(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:
     """A run of the vehicle with a sideways actuator, and its command."""
     u = paper.signal(duration_s, sideways=20.0)
     return simulate(FILE, u, seed=seed), u

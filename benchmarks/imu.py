@@ -39,9 +39,9 @@ def drive(b, device, seconds: float, until=lambda samples, events: False):
     end = b.clock.now + seconds * 1e9
     while due < end and not until(samples, events):
         due += 10_000_000
-        b.clock.now = called = max(b.clock.now, due)
-        samples += [(called, sample) for sample in device.read()]
-        longest = max(longest, b.clock.now - called)
+        b.clock.now = call_ns = max(b.clock.now, due)
+        samples += [(call_ns, sample) for sample in device.read()]
+        longest = max(longest, b.clock.now - call_ns)
         events += device.events()
     return samples, events, longest
 
@@ -120,8 +120,11 @@ def stamps(duration_s: float) -> None:
         b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
         device = start(b)
         samples, _, longest = drive(b, device, duration_s)
-        taken = np.array(b.chip.taken)
-        error = np.array([taken[np.argmin(np.abs(taken - s.t_ns))] - s.t_ns for _, s in samples]) / 1e3
+        sample_times = np.array(b.chip.taken)
+        error = (
+            np.array([sample_times[np.argmin(np.abs(sample_times - s.t_ns))] - s.t_ns for _, s in samples])
+            / 1e3
+        )
         rate = device.rate_hz / (200.0 * (1.0 + ppm * 1e-6)) - 1.0
         parts = []
         for first, last in ((0, 1), (1, 2), (2, round(duration_s))):

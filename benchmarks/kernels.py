@@ -71,7 +71,7 @@ def trajectory(libraries: Libraries, u: np.ndarray) -> Bench:
     folded = scan(lambda x, u: step(ALL, x, u), np.zeros(6), u[0], backend="c")
     free = scan(step, np.zeros(6), u[0], ALL, backend="c")
     expected = np.empty((len(u), 6))
-    by_hand = called(libraries, "simulate", len(u), ALL, u, expected)
+    by_hand = compiled_cases(libraries, "simulate", len(u), ALL, u, expected)
     np.testing.assert_allclose(folded.run(u)[1], expected, rtol=1e-11, atol=1e-11)
     cases = [
         Case("scan, constants folded", lambda: folded.run(u)),
@@ -87,7 +87,7 @@ def filtering(libraries: Libraries, u: np.ndarray) -> Bench:
     """The extended Kalman filter with 6 states and 3 measurements, its Jacobians derived."""
     z = np.random.default_rng(0).normal(size=(len(u), 3)) * 0.1
     expected = np.empty((len(u), 6))
-    by_hand = called(libraries, "filter", len(u), u, z, expected)
+    by_hand = compiled_cases(libraries, "filter", len(u), u, z, expected)
     start = (np.zeros(6), 0.01 * np.eye(6))
     joseph, short = (scan(kalman(form), start, (u[0], z[0]), backend="c") for form in (True, False))
     np.testing.assert_allclose(joseph.run((u, z))[1], expected, rtol=1e-9, atol=1e-9)
@@ -133,7 +133,7 @@ def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
     z = np.random.default_rng(0).normal(size=(len(u), 3))
     rows = np.concatenate([np.full((len(u), 1), peers.DT), u[:, [0, 2]], z], axis=1)
     cost, gradient, hessian = np.empty(1), np.empty(15), np.empty((15, 15))
-    by_hand = called(libraries, "fit", len(u), MOTORS, rows, BEND, cost, gradient, hessian)
+    by_hand = compiled_cases(libraries, "fit", len(u), MOTORS, rows, BEND, cost, gradient, hessian)
     kernel, packing_kernel = (
         scan(step, BEGUN, example, MOTORS, backend="c")
         for step, example in (
@@ -184,7 +184,7 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
     """32 vehicles, each with its own 17 parameters: few enough for one processor."""
     theta = ALL * np.random.default_rng(0).uniform(0.9, 1.1, (32, 17))
     expected = np.empty((32, 6))
-    by_hand = called(libraries, "fleet", 32, len(u), theta, u, expected)
+    by_hand = compiled_cases(libraries, "fleet", 32, len(u), theta, u, expected)
     kernel = scan(lambda p, x, u: (runge_kutta(p, x, u), x), np.zeros(6), u[0], ALL, backend="c")
     np.testing.assert_allclose(kernel.batch(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
     cases = [Case("scan.batch", lambda: kernel.batch(u, theta)), *by_hand]
@@ -196,10 +196,10 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
     )
 
 
-def called(libraries: Libraries, name: str, *arguments) -> list[Case]:
+def compiled_cases(libraries: Libraries, name: str, *arguments) -> list[Case]:
     """The function of each library on these arguments, called once, so that they are filled."""
     kinds = {int: ctypes.c_int64, float: ctypes.c_double}
-    given = [
+    pointers = [
         a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else kinds[type(a)](a)
         for a in arguments
     ]
@@ -207,6 +207,6 @@ def called(libraries: Libraries, name: str, *arguments) -> list[Case]:
     for title, library in libraries.items():
         function = getattr(library, name)
         function.restype = None
-        function(*given)
-        cases.append(Case(title, partial(function, *given)))
+        function(*pointers)
+        cases.append(Case(title, partial(function, *pointers)))
     return cases

@@ -66,7 +66,7 @@ class Found(NamedTuple):
 
 def cases() -> list[Case]:
     """Both filters on what `ekf` assumes, then the recommended one with errors of the sensors."""
-    made = [Case(f"ekf, {' + '.join(use)}", *_white(use)) for use in (IMU_ALONE, BOTH)]
+    case_list = [Case(f"ekf, {' + '.join(use)}", *_white(use)) for use in (IMU_ALONE, BOTH)]
     exact, errors = (
         (EXACT, replace(ODOMETER, scale_std=0.0), "sensors exact"),
         (IMU, ODOMETER, "with bias, scale"),
@@ -81,8 +81,8 @@ def cases() -> list[Case]:
             sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
             block = AugmentedEkf(VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0)
             name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {limit_of}"
-            made.append(Case(name, block, assumed_by(block, imu)))
-    return made
+            case_list.append(Case(name, block, assumed_by(block, imu)))
+    return case_list
 
 
 def simulated(assumed: matched.Assumed, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
@@ -92,18 +92,20 @@ def simulated(assumed: matched.Assumed, drives: int, seconds: float, seed: int =
     levels = np.stack(
         [rng.uniform(0.3, 0.9, blocks), np.zeros(blocks), rng.uniform(-0.5, 0.5, blocks)], axis=1
     )
-    return matched.driven(assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
+    return matched.drive_matched(assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
 
 
-def accuracy(case: Case, made: matched.Drives) -> Found:
+def accuracy(case: Case, simulated_drives: matched.Drives) -> Found:
     """Filter and compare."""
-    n, drives = made.x.shape[:2]
-    bound = matched.bound(case.assumed, made, 2 + 1 + (case.block.use == BOTH))
+    n, drives = simulated_drives.x.shape[:2]
+    bound = matched.bound(case.assumed, simulated_drives, 2 + 1 + (case.block.use == BOTH))
     kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
     for first in range(0, drives, TOGETHER):
         some = slice(first, first + TOGETHER)
-        true = np.swapaxes(made.x[:, some], 0, 1)
-        each_run = [kernel.run(ticks_of(made, first + k, case.block.use))[1] for k in range(len(true))]
+        true = np.swapaxes(simulated_drives.x[:, some], 0, 1)
+        each_run = [
+            kernel.run(ticks_of(simulated_drives, first + k, case.block.use))[1] for k in range(len(true))
+        ]
         eta, nu, cov, y, S = (np.stack(outputs) for outputs in zip(*each_run, strict=True))
         off, e = eta - true[..., matched.POSE], nu - true[..., matched.NU] * (1.0 + true[..., [8, 8, 9]])
         off[..., 2] = wrap(off[..., 2])
@@ -139,11 +141,11 @@ def main() -> None:
     print(
         f"{drives} drives of {seconds:g} s of the matched model; 1 is right, in brackets the share of ticks in band"
     )
-    all_found, assumed, made = [], None, None
+    all_found, assumed, simulated_drives = [], None, None
     for case in cases():
-        if assumed is None or made is None or not all(map(np.array_equal, assumed, case.assumed)):
-            assumed, made = case.assumed, simulated(case.assumed, drives, seconds)
-        result = accuracy(case, made)
+        if assumed is None or simulated_drives is None or not all(map(np.array_equal, assumed, case.assumed)):
+            assumed, simulated_drives = case.assumed, simulated(case.assumed, drives, seconds)
+        result = accuracy(case, simulated_drives)
         all_found.append(result)
         words = [
             f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < result.width[name]):.0%})"
@@ -153,7 +155,7 @@ def main() -> None:
         words.append(f"speed {1e3 * reached:.2f} mm/s = {reached / least:.2f} × the bound")
         print(f"{result.name:74}  {', '.join(words)}", flush=True)
     if args.plot:
-        _drawn(all_found).savefig(args.plot)
+        _drawing(all_found).savefig(args.plot)
 
 
 def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.Assumed:
@@ -196,13 +198,13 @@ def kernel_of(block: Any) -> Any:
     return scan(step, block.init(), example)
 
 
-def ticks_of(made: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
+def ticks_of(simulated_drives: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
     """Return what a filter hears of drive `k`."""
-    n, z = len(made.u), made.z[:, k]
+    n, z = len(simulated_drives.u), simulated_drives.z[:, k]
     columns = (np.ascontiguousarray(z[:, :3]), np.ascontiguousarray(z[:, 3:]))[: len(use)]
     slots = sensor_slots(use)(*(Slot(np.ones(n), column, np.zeros(n)) for column in columns))
     t_ns: Any = round(1e9 * matched.DT) * np.arange(1, n + 1)
-    return Tick(t_ns, made.u, slots)
+    return Tick(t_ns, simulated_drives.u, slots)
 
 
 def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
@@ -210,7 +212,7 @@ def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
     return np.sum(e * np.linalg.solve(cov, e[..., None])[..., 0], axis=-1)
 
 
-def _drawn(all_found: list[Found]) -> Any:
+def _drawing(all_found: list[Found]) -> Any:
     from baqueano.report.figures import over_time
 
     names = list(all_found[0].ratios)[:3]

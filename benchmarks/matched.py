@@ -65,7 +65,7 @@ def readings(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.stack(z, axis=1)
 
 
-def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
+def drive_matched(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
     """n drives under u (N, 3).  (1)-(3)"""
     rng, h = np.random.default_rng(seed), DT / STEPS
     x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
@@ -74,7 +74,7 @@ def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
     fresh = assumed.disturbance * np.sqrt(1.0 - keep**2)
     walk, of_bias = (density * np.sqrt(0.5 * h) for density in (assumed.walk, assumed.bias_walk))
 
-    def shaken(x: np.ndarray) -> np.ndarray:
+    def add_walk(x: np.ndarray) -> np.ndarray:
         draw, x = rng.standard_normal((n, 8)), x.copy()
         x[:, NU] += walk * draw[:, :3]
         x[:, D] = keep * x[:, D] + fresh * draw[:, 3:5]
@@ -83,11 +83,11 @@ def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
 
     for row in u:
         for _ in range(STEPS):
-            x = shaken(x)
+            x = add_walk(x)
             k1 = rates(x, row)
             k2 = rates(x + 0.5 * h * k1, row)
             k3 = rates(x + 0.5 * h * k2, row)
-            x = shaken(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row)))
+            x = add_walk(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row)))
         xs.append(x)
         zs.append(readings(x, row) + assumed.reading * rng.standard_normal((n, 4)))
     return Drives(u, np.stack(xs), np.stack(zs))
@@ -112,8 +112,8 @@ def bound(assumed: Assumed, drives: Drives, m: int) -> np.ndarray:
         WF = W @ F
         D11, D12, D22 = np.mean(np.swapaxes(F, 1, 2) @ WF, axis=0), np.mean(WF, axis=0), np.mean(W, axis=0)
         H = _slopes(x, row)[:, :m, at]
-        shown = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:m, None] ** 2), axis=0)
-        J = D22 + shown - D12 @ np.linalg.solve(J + D11, D12.T)
+        information_of_readings = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:m, None] ** 2), axis=0)
+        J = D22 + information_of_readings - D12 @ np.linalg.solve(J + D11, D12.T)
         spread = np.repeat(assumed.start[KAPPA], [2, 1]) ** 2
         out[k] = np.diag(np.linalg.inv(J))[:3] + spread * np.mean(x[:, NU] ** 2, axis=0)
         before = x

@@ -39,7 +39,7 @@ def vehicle():
     return file.with_values({}, parameter_cov=ParameterCov(tuple(ERRORS), np.diag(sd**2)))
 
 
-def judged(file, gains, count, **options):
+def judge_gains(file, gains, count, **options):
     """Cost and distance beside the path, rms [mm], of each of `count` other vehicles."""
     drives = rehearse(file, ROUTE, draws=1, **options)
     vehicles = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
@@ -67,13 +67,13 @@ def main():
     print(
         f"vehicles of the search, drives needed; {judges} other vehicles: cost [m²], distance [mm rms]; gains"
     )
-    for name, tuned, of in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
-        gains = np.array(list(tuned.values.values()))
-        cost, far = judged(file, gains, judges, **options)
+    for name, tuning, of in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
+        gains = np.array(list(tuning.values.values()))
+        cost, far = judge_gains(file, gains, judges, **options)
         each = ", ".join(f"{x:.3g}" for x in (*np.quantile(cost, [0.5, 0.95]), cost.max()))
         distances = ", ".join(f"{x:.1f}" for x in (*np.quantile(far, [0.5, 0.95]), far.max()))
-        needed = sum(len(d.costs) for d in tuned.descents) * of
-        print(f"  {name:10} {of:3} {needed:6}   {each}   {distances}   {tuned.values}", flush=True)
+        needed = sum(len(d.costs) for d in tuning.descents) * of
+        print(f"  {name:10} {of:3} {needed:6}   {each}   {distances}   {tuning.values}", flush=True)
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ def benches(smallest: bool) -> list[Bench]:
     weights, limit, ticks = tuning.weights, file.command.limit, round(duration_s * file.rate_hz)
 
     def numpy_cost(gains):
-        return peers.driven(gains, ROUTE.t_s, ROUTE.eta, limit, theta, m, I, ticks, *weights[:2])
+        return peers.drive_loop(gains, ROUTE.t_s, ROUTE.eta, limit, theta, m, I, ticks, *weights[:2])
 
     start = np.sqrt(np.maximum(low, 1e-3 * high) * high)
     np.testing.assert_allclose(numpy_cost(start), rehearsal.cost(start), rtol=1e-6)
@@ -48,8 +48,8 @@ def benches(smallest: bool) -> list[Bench]:
             Case("NumPy loop", lambda: numpy_cost(start), 1),
         ]
     )
-    named = "Nelder-Mead over a NumPy loop"
-    notes = {named: f"cost {simplex.fun:.5g}; {simplex.nfev} evaluations of {one_s:.2g} s, extrapolated"}
+    peer_name = "Nelder-Mead over a NumPy loop"
+    notes = {peer_name: f"cost {simplex.fun:.5g}; {simplex.nfev} evaluations of {one_s:.2g} s, extrapolated"}
     rows = (
         row(
             NAMED,
@@ -58,7 +58,7 @@ def benches(smallest: bool) -> list[Bench]:
             {},
             {NAMED: f"cost {tuning.cost:.5g} in {len(tuning.history)} evaluations"},
         ),
-        row(named, one_s * simplex.nfev, ours_s, {named: TARGET}, notes),
+        row(peer_name, one_s * simplex.nfev, ours_s, {peer_name: TARGET}, notes),
     )
     worse = tuning.cost > evolved.fun * WORSE
     comparison = f"differential evolution reaches {evolved.fun:.5g} in {evolved.nfev} evaluations"

@@ -39,18 +39,25 @@ class JudgedDrive(NamedTuple):
 
 
 def logged(
-    kernel: object, made: matched.Drives, k: int, use: tuple[str, ...], ticks: int, truth: bool
+    kernel: object, simulated_drives: matched.Drives, k: int, use: tuple[str, ...], ticks: int, truth: bool
 ) -> Run:
     """Return the first `ticks` of drive `k` as a run with an estimate, and with its truth if asked for."""
-    ticks_of_run = limit.ticks_of(made, k, use)
+    ticks_of_run = limit.ticks_of(simulated_drives, k, use)
     eta, nu, cov, y, S = (np.asarray(output)[:ticks] for output in kernel.run(ticks_of_run)[1])  # type: ignore[attr-defined]
-    x, t_ns = made.x[:ticks, k], np.asarray(ticks_of_run.t_ns)[:ticks]
-    shown = x[:, matched.NU] * (1.0 + x[:, [8, 8, 9]])
-    log = TruthLog(t_ns, x[:, matched.POSE], shown, np.full_like(shown, np.nan)) if truth else None
-    return Run("drive", None, t_ns, made.u[:ticks], truth=log, estimate=EstimateLog(t_ns, eta, nu, cov, y, S))
+    x, t_ns = simulated_drives.x[:ticks, k], np.asarray(ticks_of_run.t_ns)[:ticks]
+    velocity = x[:, matched.NU] * (1.0 + x[:, [8, 8, 9]])
+    log = TruthLog(t_ns, x[:, matched.POSE], velocity, np.full_like(velocity, np.nan)) if truth else None
+    return Run(
+        "drive",
+        None,
+        t_ns,
+        simulated_drives.u[:ticks],
+        truth=log,
+        estimate=EstimateLog(t_ns, eta, nu, cov, y, S),
+    )
 
 
-def judged(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
+def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
     """Return the verdicts on drives with an IMU alone, and with both sensors."""
     out, rng = [], np.random.default_rng(0)
     for use in (limit.IMU_ALONE, limit.BOTH):
@@ -59,13 +66,13 @@ def judged(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[
         kernel, assumed = limit.kernel_of(block), limit.assumed_by(block, imu)
         for j, kappa in enumerate(RATIOS):
             n = max(drives // (2 * len(RATIOS)), 2)
-            scaled = matched.Assumed(*(density * np.sqrt(kappa) for density in assumed))._replace(
+            scaled_noise = matched.Assumed(*(density * np.sqrt(kappa) for density in assumed))._replace(
                 fade_s=assumed.fade_s
             )
-            made = limit.simulated(scaled, n, longest_s, 10 * j + len(use))
+            simulated_drives = limit.simulated(scaled_noise, n, longest_s, 10 * j + len(use))
             for k in range(n):
                 ticks = round(rng.uniform(min(SHORTEST_S, 0.5 * longest_s), longest_s) / matched.DT)
-                consistency = filter_consistency(logged(kernel, made, k, use, ticks, k % 2 == 0))
+                consistency = filter_consistency(logged(kernel, simulated_drives, k, use, ticks, k % 2 == 0))
                 bands = (
                     (consistency.nees_pose, consistency.nees_velocity) if k % 2 == 0 else (consistency.nis,)
                 )
@@ -86,7 +93,7 @@ def main() -> int:
         ("sensors exact", limit.EXACT, replace(limit.ODOMETER, scale_std=0.0)),
         ("with bias, scale", limit.IMU, limit.ODOMETER),
     ):
-        results = judged(imu, odometer, *size)
+        results = judge_filters(imu, odometer, *size)
         for kappa in dict.fromkeys(RATIOS):
             words = Counter(result.verdict for result in results if result.kappa == kappa)
             print(

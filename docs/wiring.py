@@ -102,7 +102,7 @@ def drawing(p: Pins, bridge: Bridge) -> str:
     s = Sheet()
     title = f"Wiring with an {bridge.title}" if bridge.title[0] == "L" else f"Wiring with a {bridge.title}"
     s.text(40, 40, title, 22, "start", font_weight="bold")
-    used = {
+    pins_used = {
         *p.pwm,
         *p.direction,
         *p.encoder,
@@ -111,7 +111,7 @@ def drawing(p: Pins, bridge: Bridge) -> str:
         p.lamp,
         *([p.standby] if bridge.standby else []),
     }
-    uno(s, used | {"GND", "5V"}, p)
+    uno(s, pins_used | {"GND", "5V"}, p)
     computer(s)
     supply(s, p, bridge)
     the_bridge(s, p, bridge)
@@ -120,7 +120,7 @@ def drawing(p: Pins, bridge: Bridge) -> str:
     return s.svg(title)
 
 
-def uno(s: Sheet, used: set[str], p: Pins) -> None:
+def uno(s: Sheet, pins_used: set[str], p: Pins) -> None:
     """Pins that are not used are grey."""
     s.box(UNO_LEFT, 90, UNO_RIGHT - UNO_LEFT, 400, "#d9eef2")
     s.box(700, 78, 60, 40, "#c9c9c9")
@@ -135,7 +135,7 @@ def uno(s: Sheet, used: set[str], p: Pins) -> None:
             if name:
                 s.pin(x, top + 24 * row)
                 label = f"lamp {name}" if name == p.lamp else name
-                fill = "#000" if name in used else "#999"
+                fill = "#000" if name in pins_used else "#999"
                 s.text(x + shift, top + 24 * row + 4.5, label, 13, anchor, fill=fill)
 
 
@@ -348,8 +348,8 @@ def sensors(s: Sheet, p: Pins) -> None:
 def legend(s: Sheet, bridge: Bridge) -> None:
     """Wires on the left, what must not be forgotten on the right."""
     s.parts.append('<rect x="590" y="822" width="790" height="176" rx="7" fill="#fafafa" stroke="#999"/>')
-    shown = [k for k in KINDS if k != "standby" or bridge.standby]
-    for row, name in enumerate(shown):
+    kinds = [k for k in KINDS if k != "standby" or bridge.standby]
+    for row, name in enumerate(kinds):
         k, y = KINDS[name], 835 + 12.6 * row
         dashes = f' stroke-dasharray="{k.dashes}"' if k.dashes else ""
         s.parts.append(

@@ -80,9 +80,9 @@ class Sheet:
     def name(self, at: Point, label: str, colour: str, upright: bool = False) -> None:
         """The name of a wire, written across it."""
         (x, y), half = at, 4 + 3.7 * len(label)
-        turned = f' transform="rotate(-90 {x:g} {y:g})"' if upright else ""
+        rotation = f' transform="rotate(-90 {x:g} {y:g})"' if upright else ""
         self.names.append(
-            f'<g{turned}><rect x="{x - half:g}" y="{y - 9:g}" width="{2 * half:g}" height="18" rx="4" fill="#fff" '
+            f'<g{rotation}><rect x="{x - half:g}" y="{y - 9:g}" width="{2 * half:g}" height="18" rx="4" fill="#fff" '
             f'stroke="{colour}"/><text x="{x:g}" y="{y + 4.2:g}" font-size="12" text-anchor="middle">'
             f"{escape(label)}</text></g>"
         )
@@ -100,12 +100,12 @@ class Sheet:
     def resistor(self, x: float, y: float, label: str, upright: bool = False) -> None:
         """A resistor around a point of a wire."""
         w, h = (20, 58) if upright else (58, 20)
-        turned = {"transform": f"rotate(-90 {x:g} {y:g})"} if upright else {}
+        rotation = {"transform": f"rotate(-90 {x:g} {y:g})"} if upright else {}
         self.parts.append(
             f'<rect x="{x - w / 2:g}" y="{y - h / 2:g}" width="{w}" height="{h}" fill="#f3e3bd" stroke="#333" '
             'stroke-width="1.6"/>'
         )
-        self.text(x, y + 4.5, label, 12, **turned)
+        self.text(x, y + 4.5, label, 12, **rotation)
 
     def capacitor(self, x: float, y: float, upright: bool) -> None:
         """Two plates around a point of a wire."""

@@ -75,13 +75,13 @@ def words_in(path: Path) -> Iterator[str]:
             ]
             for element in (text for word in words for text in getattr(word, "elts", [word])):
                 if isinstance(element, ast.Constant) and element.value:
-                    yield from filled(element.value)
+                    yield from words_in_braces(element.value)
 
 
-def filled(words: str) -> list[str]:
+def words_in_braces(words: str) -> list[str]:
     """Return words of a parameter for each of its entries: `{nth}` and `{axis}` stand for their names.
 
-    >>> filled("the {nth} motor")
+    >>> words_in_braces("the {nth} motor")
     ['the first motor', 'the second motor']
     """
     names = {"{nth}": ORDINALS[:2], "{axis}": AXES}
@@ -102,7 +102,7 @@ def help_of(command: click.Command) -> Iterator[str]:
         yield from help_of(verb)
 
 
-def read(language: str) -> Catalog:
+def read_catalogue(language: str) -> Catalog:
     """Return the catalogue of a language as it stands in its file."""
     path, _ = places(language)
     if not path.exists():
@@ -119,7 +119,7 @@ def compiled(catalogue: Catalog) -> bytes:
 
 def update(language: str) -> Catalog:
     """Write the catalogue of a language anew, with all that is to be translated now."""
-    catalogue = read(language)
+    catalogue = read_catalogue(language)
     created = catalogue.creation_date  # a file whose entries are the same stays the same, byte by byte
     catalogue.update(required_catalogue(), no_fuzzy_matching=False, update_header_comment=False)
     catalogue.creation_date = created
@@ -145,8 +145,8 @@ def faults(catalogue: Catalog) -> list[str]:
             failures.append(f"missing: {name}")
         elif entry.fuzzy:
             failures.append(f"fuzzy: {name}")
-        elif (broken := differs(message.id, entry.string)) is not None:
-            failures.append(f"placeholders: {name}: {broken}")
+        elif (difference := differs(message.id, entry.string)) is not None:
+            failures.append(f"placeholders: {name}: {difference}")
     return failures
 
 
@@ -154,7 +154,7 @@ def differs(english: str | tuple[str, ...], translation: str | tuple[str, ...]) 
     """Return the placeholders, or the code, of both where they are not the same; None where they are."""
     if isinstance(english, tuple):
         pairs = zip(english, translation, strict=True)
-        return next((broken for pair in pairs if (broken := differs(*pair)) is not None), None)
+        return next((difference for pair in pairs if (difference := differs(*pair)) is not None), None)
     for fields_of in (fields, code):
         source_fields, translated_fields = fields_of(english), fields_of(translation)
         if source_fields != translated_fields:
@@ -178,11 +178,11 @@ def fields(template: str) -> set[str]:
     ['arg[use]', 'sensor', 'x']
     """
     try:
-        parsed = list(Formatter().parse(template))
+        fields_of_template = list(Formatter().parse(template))
     except ValueError:
         return set()
-    names = {name for _, name, _, _ in parsed if name is not None}
-    return names.union(*(fields(spec) for _, _, spec, _ in parsed if spec))
+    names = {name for _, name, _, _ in fields_of_template if name is not None}
+    return names.union(*(fields(spec) for _, _, spec, _ in fields_of_template if spec))
 
 
 if __name__ == "__main__":

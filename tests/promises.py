@@ -152,7 +152,7 @@ def main(arguments: list[str]) -> int:
     """Run the tests that name a promise, with options for pytest, and print the table; 1 where one is not kept."""
     by_number, ends = keepers(), Ends()
     tests = sorted({test for several in by_number.values() for test in several})
-    failed = pytest.main(["-q", "-p", "no:randomly", *arguments, *tests], plugins=[ends])
+    exit_code = pytest.main(["-q", "-p", "no:randomly", *arguments, *tests], plugins=[ends])
     counts = dict.fromkeys(reversed(RESULTS), 0)
     for number, words in promises().items():
         results = {test: ends.of.get(test, "not run") for test in by_number.get(number, [])} or {
@@ -165,7 +165,7 @@ def main(arguments: list[str]) -> int:
         for test, end in results.items():
             print(f"{'':6}{end:<10}{test.removeprefix('tests/')}")
     print(f"\n{sum(counts.values())} promises: " + ", ".join(f"{n} {end}" for end, n in counts.items()))
-    return int(failed)
+    return int(exit_code)
 
 
 if __name__ == "__main__":

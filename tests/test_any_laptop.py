@@ -78,14 +78,14 @@ def laptop(tmp_path: Path):
 def test_the_modules_are_really_gone(laptop):
     code = "import importlib.util, os, sys; print([m for m in sys.modules if sys.modules[m] is None])"
     site = laptop.home.parent / "site"
-    shown = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code],
         env={"PYTHONPATH": str(site)},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert "fcntl" in shown.stdout
+    assert "fcntl" in process.stdout
 
 
 def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
@@ -103,8 +103,8 @@ def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
         reply("teach", "ñandú", "--driver", "circle", "--size", "0.3", "--speed", "0.4")["rows"][0]["poses"]
         > 50
     )
-    driven = reply("repeat", "ñandú")["rows"][0]
-    assert driven["across_true_rms_m"] < 0.1
+    repetition = reply("repeat", "ñandú")["rows"][0]
+    assert repetition["across_true_rms_m"] < 0.1
     first, second = reply("replay", "last")["rows"]
     assert second["ate_m"] == first["ate_m"], "replay on the same back end is exact"
     laptop("report", "last", "-o", "página.html")
@@ -259,14 +259,14 @@ def test_the_public_service_tests_three_systems_and_both_ends_of_python():
 
 def test_each_line_of_the_public_service_is_one_of_this_repository():
     file = workflow()
-    made = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     for job in file["jobs"].values():
         assert int(job["timeout-minutes"]) <= 120
         for step in job["steps"]:
             line = step.get("run", "")
             assert bool(line) != ("uses" in step)
-            assert not line.startswith("make ") or line.split()[-1] in made
-            for named in re.findall(r"(?:tests|requirements)/[\w.]+", line):
-                assert (ROOT / named).exists(), named
-            for marked in re.findall(r'-m "(.*?)"', line):
-                assert marked == "not slow"
+            assert not line.startswith("make ") or line.split()[-1] in targets
+            for path in re.findall(r"(?:tests|requirements)/[\w.]+", line):
+                assert (ROOT / path).exists(), path
+            for marks in re.findall(r'-m "(.*?)"', line):
+                assert marks == "not slow"

@@ -39,7 +39,7 @@ class FakeTime:
 
 
 @pytest.mark.parametrize(
-    ("work_ms", "ticks_ms", "missed"),
+    ("work_ms", "ticks_ms", "misses"),
     [
         ([1, 9, 10, 1], [10, 20, 30, 40], 0),
         (
@@ -51,7 +51,7 @@ class FakeTime:
         ([300, 1, 1, 1], [10, 310, 320, 330], 29),
     ],
 )
-def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
+def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, misses):
     fake, tick_times = FakeTime(), []
     wall = clock.Wall(100.0, None, now_ns=fake.now, sleep=fake.sleep)
     for t_ns, work in zip(wall, work_ms, strict=False):
@@ -60,13 +60,13 @@ def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
         if len(tick_times) == len(work_ms):
             break
     assert tick_times == ticks_ms
-    assert wall.missed == missed
+    assert wall.missed == misses
 
 
 def test_the_real_wall_keeps_its_rate():
-    wall, begun = clock.wall(200.0, 0.05), time.monotonic_ns()
+    wall, start_ns = clock.wall(200.0, 0.05), time.monotonic_ns()
     times = list(wall)
-    took = time.monotonic_ns() - begun  # on a busy machine longer, by ticks that are missed
+    took = time.monotonic_ns() - start_ns  # on a busy machine longer, by ticks that are missed
     assert 10 <= len(times) + wall.missed <= took / 5e6 + 1
     assert all(step % 5_000_000 == 0 and step > 0 for step in np.diff(times))
 

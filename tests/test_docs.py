@@ -135,8 +135,8 @@ def test_a_page_names_only_verbs_and_options_that_exist(page):
     for verb, *rest in map(str.split, lines):
         assert verb in verbs, f"{page}: there is no baqueano {verb}"
         below = set(getattr(verbs[verb], "commands", ()))
-        named = {word for before, word in zip(["·", *rest], rest, strict=False) if before == "·"}
-        assert not below or named <= below, f"{page}: baqueano {verb} has no {' or '.join(named - below)}"
+        names = {word for before, word in zip(["·", *rest], rest, strict=False) if before == "·"}
+        assert not below or names <= below, f"{page}: baqueano {verb} has no {' or '.join(names - below)}"
         assert {word for word in rest if word.startswith("--")} <= options_of(verbs[verb]), (
             f"{page}: baqueano {verb} {rest}"
         )
@@ -151,9 +151,9 @@ def test_each_row_of_the_security_of_the_page_names_tests_that_exist(page, headi
         path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))
     )
     for row in rows:
-        named = re.findall(r"`(test_\w+)`", row)
-        assert named, row
-        assert {name for name in named if f"def {name}(" not in tests} == set()
+        names = re.findall(r"`(test_\w+)`", row)
+        assert names, row
+        assert {name for name in names if f"def {name}(" not in tests} == set()
 
 
 def test_every_erratum_that_the_code_names_is_reported():
@@ -161,11 +161,11 @@ def test_every_erratum_that_the_code_names_is_reported():
         re.findall(r"^\| (\d+) \|", (ROOT / "docs/errata.md").read_text(encoding="utf-8"), re.MULTILINE)
     )
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py")]
-    named = [
+    names = [
         re.findall(r"\d+", number) for text in texts for number in re.findall(r"[Ee]rrat\w+ ([\d, ]+)", text)
     ]
-    assert len(named) > 10
-    assert set().union(*named) <= known_errata
+    assert len(names) > 10
+    assert set().union(*names) <= known_errata
 
 
 def anchors(page):

@@ -64,15 +64,15 @@ def module_of(room: str) -> ModuleType:
 
 def public() -> dict[str, object]:
     """Return the public names and what they are, each once, under the first room that offers it."""
-    offered, once = {}, set()
+    objects, once = {}, set()
     for room in ROOMS:
         module = module_of(room)
         for name in module.__all__:
             value = getattr(module, name)
             if not isinstance(value, ModuleType) and id(value) not in once:
                 once.add(id(value))
-                offered[f"{room}.{name}"] = value
-    return offered
+                objects[f"{room}.{name}"] = value
+    return objects
 
 
 PUBLIC = public()
@@ -104,8 +104,8 @@ def in_a_function(function, doc: NumpyDocString) -> list[str]:
     gives = str(signature.return_annotation)
     if gives not in ("None", "NoReturn") and not (doc["Returns"] or doc["Yields"]):
         lacks.append("Returns")
-    named = {entry.type for entry in doc["Raises"]}
-    lacks += [f"Raises {error}" for error in sorted(raised(tree) - BARE_RAISE - named)]
+    error_names = {entry.type for entry in doc["Raises"]}
+    lacks += [f"Raises {error}" for error in sorted(errors_raised(tree) - BARE_RAISE - error_names)]
     return lacks + source(doc)
 
 
@@ -151,7 +151,7 @@ def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str
     return lacks
 
 
-def raised(function: ast.AST) -> set[str]:
+def errors_raised(function: ast.AST) -> set[str]:
     """Return the names of the errors that stand in a `raise` of the function itself."""
     return {
         ast.unparse(node.exc.func).rpartition(".")[2]

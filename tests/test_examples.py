@@ -143,11 +143,11 @@ def with_emulator(request) -> rig.Built:
 @contextmanager
 def an_uno_on_the_line(request, monkeypatch):
     """The firmware answers at the only serial line."""
-    built = with_emulator(request)
+    build = with_emulator(request)
     from baqueano.robot.uno import serial_port
     from tests.emulated.realtime import on_pty
 
-    with on_pty(built) as live:
+    with on_pty(build) as live:
         monkeypatch.setattr(serial_port, "BY_ID", live.path)
         yield
 

@@ -56,10 +56,10 @@ def test_every_signature_is_typed():
 
 def test_nothing_imports_upward():
     code = "from importlinter.cli import lint_imports_command as lint; lint()"
-    shown = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, encoding="utf-8"
     )
-    assert " kept, 0 broken" in shown.stdout, shown.stdout[-4000:] + shown.stderr
+    assert " kept, 0 broken" in process.stdout, process.stdout[-4000:] + process.stderr
 
 
 def test_a_folder_can_be_seen_at_once():
@@ -110,8 +110,8 @@ def test_a_room_names_every_block_that_stands_in_it(room):
 
 def test_no_block_hides_outside_the_block_rooms():
     outside = [path for path in SOURCE.rglob("*.py") if path.relative_to(SOURCE).parts[0] not in BLOCK_ROOMS]
-    hidden = blocks_in(outside)
-    assert not hidden - AROUND_BLOCKS, (
+    hidden_blocks = blocks_in(outside)
+    assert not hidden_blocks - AROUND_BLOCKS, (
         "a block stands in vehicles/, sensors/, estimators/, guides/ or controllers/"
     )
 
@@ -122,9 +122,9 @@ def test_blocks_open_no_door_to_the_outside(room):
         for node in nodes_of(path):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            taken = {name.split(".")[0] for name in names} & DOORS
-            assert not taken, (
-                f"{path.relative_to(ROOT)} line {node.lineno} imports {taken}: time comes with the signal"
+            modules = {name.split(".")[0] for name in names} & DOORS
+            assert not modules, (
+                f"{path.relative_to(ROOT)} line {node.lineno} imports {modules}: time comes with the signal"
             )
 
 
@@ -203,7 +203,7 @@ def test_other_rooms_take_few_names_from_a_room(room):
     """At most NAMES. Rooms are added here one by one."""
     package = f"baqueano.{room.replace('/', '.')}"
     modules = {package, *(f"{package}.{path.stem}" for path in modules_in(SOURCE / room))}
-    taken = {
+    names = {
         f"{node.module}.{name.name}"
         for path in SOURCE.rglob("*.py")
         if path.parent != SOURCE / room
@@ -211,7 +211,7 @@ def test_other_rooms_take_few_names_from_a_room(room):
         if isinstance(node, ast.ImportFrom) and node.module in modules
         for name in node.names
     }
-    assert len(taken) <= NAMES, f"{len(taken)} names of {room} are used elsewhere: {sorted(taken)}"
+    assert len(names) <= NAMES, f"{len(names)} names of {room} are used elsewhere: {sorted(names)}"
 
 
 def test_whatever_is_public_says_what_it_is():
@@ -265,8 +265,8 @@ def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
 def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
     heavy = ["scipy", "matplotlib", "jinja2", "rich", "tomlkit", "rosbags", "mcap"]
     code = f"import sys, baqueano; print([m for m in {heavy} if m in sys.modules])"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"
 
 
 def test_each_promise_that_a_test_names_is_one():
@@ -334,7 +334,7 @@ HARMLESS = {
 def test_no_study_makes_its_data_by_the_step_that_is_fitted():
     """A mirror always agrees: data come from study/truth or from recordings."""
     for path in (SOURCE / "study").rglob("*.py"):
-        taken = {
+        modules = {
             name.name
             for node in nodes_of(path)
             if isinstance(node, ast.ImportFrom)
@@ -346,5 +346,5 @@ def test_no_study_makes_its_data_by_the_step_that_is_fitted():
         drives = [node for node in calls if getattr(node.func, "id", "") in ("first_drive", "repeat")]
         worlds = all("world" in {key.arg for key in node.keywords} for node in drives)
         if path.relative_to(SOURCE / "study").parts[0] not in SIMULATED:
-            assert taken <= HARMLESS, f"{path.relative_to(ROOT)} imports {taken - HARMLESS}"
+            assert modules <= HARMLESS, f"{path.relative_to(ROOT)} imports {modules - HARMLESS}"
             assert worlds, f"{path.relative_to(ROOT)}: a drive without a world is simulated by our step"

@@ -10,7 +10,7 @@ from baqueano import language
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.language import LANGUAGES, current, number, translated
 from baqueano.messages import text
-from tests.catalogues import compiled, differs, faults, places, read
+from tests.catalogues import compiled, differs, faults, places, read_catalogue
 
 OTHERS = [language for language in LANGUAGES if language != "en"]
 
@@ -25,7 +25,7 @@ def _undone(monkeypatch):
 
 @pytest.mark.parametrize("language", OTHERS)
 def test_a_catalogue_is_complete_and_compiled(language):
-    catalogue = read(language)
+    catalogue = read_catalogue(language)
     assert not faults(catalogue), "type: make catalogues, and translate what it lists"
     assert places(language)[1].read_bytes() == compiled(catalogue), "type: make catalogues"
 
@@ -63,14 +63,14 @@ def test_a_sentence_is_spanish_and_its_numbers_have_a_decimal_comma():
 
 
 @pytest.mark.parametrize(
-    ("value", "spec", "written"),
+    ("value", "spec", "text_written"),
     [(0.25, ".2f", "0,25"), (1234567, ",", "1 234 567"), (1.5e-7, ".1e", "1,5e-07"), (True, "", "True"),
      ("0.25", "", "0.25"), (float("nan"), ".1f", "nan")],
 )  # fmt: skip
-def test_numbers_are_written_as_in_spanish(value, spec, written):
+def test_numbers_are_written_as_in_spanish(value, spec, text_written):
     language.choose("es")
-    assert f"{number(value):{spec}}" == written
-    assert f"{number([value])[0]:{spec}}" == written
+    assert f"{number(value):{spec}}" == text_written
+    assert f"{number([value])[0]:{spec}}" == text_written
 
 
 def test_what_has_no_translation_stays_english():

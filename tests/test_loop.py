@@ -211,13 +211,13 @@ def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes
     records, events, outcome = drive(
         BLOCKS._replace(controller=Failing(failure)), duration_s=9.0, world=world
     )
-    raised = failure == "raises"
-    assert outcome.stopped.code == (StopReason.BLOCK_RAISED if raised else StopReason.BLOCK_RETURNED)
+    is_raise = failure == "raises"
+    assert outcome.stopped.code == (StopReason.BLOCK_RAISED if is_raise else StopReason.BLOCK_RETURNED)
     assert outcome.stopped.figures.items() >= figures.items()
     block = outcome.stopped.figures["block"]
     assert block.startswith("controller Failing (")
     assert HERE in block
-    if raised:
+    if is_raise:
         assert f"{HERE}:{FAILING_LINE})" in block
     assert events == [(210_000_000, outcome.stopped)]
     assert len(records) == 121  # twenty good ones, the fault, and a second after it
@@ -247,8 +247,8 @@ def test_rt3_every_room_is_guarded(room):
     assert len(events) == 1
     assert len(records) == 101
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
-    lost = room == "estimator"
-    assert np.isnan(records[-1].estimate.eta).all() == lost
+    is_estimator = room == "estimator"
+    assert np.isnan(records[-1].estimate.eta).all() == is_estimator
 
 
 class Odd(BaseException):
@@ -262,8 +262,8 @@ def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
         raise error
 
     records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (Broken,), {verb: ends})()), 3.0)
-    raised = StopReason.BLOCK_RAISED if verb == "step" else StopReason.BLOCK_RAISED_IN_INIT
-    assert outcome.stopped.code == raised
+    code = StopReason.BLOCK_RAISED if verb == "step" else StopReason.BLOCK_RAISED_IN_INIT
+    assert outcome.stopped.code == code
     assert outcome.stopped.figures["block"].startswith("guide Ends (")
     assert outcome.stopped.figures["error"] == error.__name__
     assert len(events) == 1
@@ -281,8 +281,8 @@ def test_ctrl_c_in_the_middle_of_a_block_is_not_a_fault_of_the_block():
 
 
 def test_two_blocks_that_fail_one_after_the_other_are_survived():
-    broken = BLOCKS._replace(controller=Broken(), estimator=Broken())
-    records, _, outcome = drive(broken, duration_s=3.0)
+    failing = BLOCKS._replace(controller=Broken(), estimator=Broken())
+    records, _, outcome = drive(failing, duration_s=3.0)
     assert outcome.stopped.figures["block"].startswith("estimator Broken")
     assert len(records) == 101
 

@@ -40,10 +40,10 @@ MATCHING = {"match", "search", "fullmatch", "findall", "finditer"}
 WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}")
 
 
-def named(node):
+def name_of(node):
     """The last name of an expression; text(…) and the str(…) of an error are sentences."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
-        of_error = node.func.id == "str" and named(node.args[0]) in ("error", "value", "why", "damage")
+        of_error = node.func.id == "str" and name_of(node.args[0]) in ("error", "value", "why", "damage")
         return "text" if of_error or node.func.id == "text" else ""
     if isinstance(node, ast.Attribute):
         return "" if isinstance(node.value, ast.Name) and node.value.id in FILES else node.attr
@@ -72,11 +72,11 @@ def readers(tree):
     }
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            about = named(node.func.value)
+            about = name_of(node.func.value)
             reads = node.func.attr in READING
             if reads and (about in PROSE or any(prose(arg, constants) for arg in node.args)):
                 yield node.lineno
-            if node.func.attr in MATCHING and any(named(arg) in PROSE for arg in node.args):
+            if node.func.attr in MATCHING and any(name_of(arg) in PROSE for arg in node.args):
                 yield node.lineno
         if isinstance(node, ast.Compare):
             sides = [node.left, *node.comparators]
@@ -85,7 +85,7 @@ def readers(tree):
             within = any(isinstance(op, ast.In | ast.NotIn) for op in node.ops)
             within &= not (isinstance(node.left, ast.Name) and node.left.id in LISTS_OF_NAMES)
             within &= not (isinstance(node.left, ast.Constant) and node.left.value in MACHINES_WORDS)
-            if within and any(named(side) in PROSE for side in node.comparators):
+            if within and any(name_of(side) in PROSE for side in node.comparators):
                 yield node.lineno
 
 
@@ -160,9 +160,9 @@ def said_in_the_code():
 
 
 def test_each_diagnostic_brings_the_figures_of_its_template():
-    made = list(said_in_the_code())
-    assert len(made) > 250
-    for path, code, figures in made:
+    diagnostics = list(said_in_the_code())
+    assert len(diagnostics) > 250
+    for path, code, figures in diagnostics:
         figures_of = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
         figures_of = {name for name in figures_of if not name.startswith("arg[")}
         assert figures_of >= figures & {"fix"}, f"{path}: {code} does not show what to type"
@@ -189,10 +189,10 @@ def codes_in_the_code():
 
 
 def test_each_template_has_its_code():
-    literals, made = codes_in_the_code()
+    literals, pattern = codes_in_the_code()
     of_errors = {f"error.{error.__name__}" for error in (BaqueanoError, *BaqueanoError.__subclasses__())}
     unused = set(templates()) - literals - of_errors
-    assert [code for code in sorted(unused) if not made.fullmatch(code)] == []
+    assert [code for code in sorted(unused) if not pattern.fullmatch(code)] == []
 
 
 NESTED = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)

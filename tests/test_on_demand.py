@@ -16,7 +16,7 @@ ROOT = Path(baqueano.__file__).parent
 PACKAGES = sorted(
     path
     for path in ROOT.rglob("__init__.py")
-    if any(made in path.read_text(encoding="utf-8") for made in ("on_demand(", "front_door("))
+    if any(maker in path.read_text(encoding="utf-8") for maker in ("on_demand(", "front_door("))
 )  # that of the front door is the first
 
 

@@ -29,10 +29,10 @@ def test_rows_make_as_many_lines_as_there_are_rows():
 
 @given(st.text())
 def test_no_text_holds_a_control_character_afterwards(text):
-    shown = one_line(text)
-    assert not {unicodedata.category(c) for c in shown} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
-    assert printable(shown) == shown
-    assert text != text.strip() or not text.isprintable() or shown == text
+    line = one_line(text)
+    assert not {unicodedata.category(c) for c in line} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
+    assert printable(line) == line
+    assert text != text.strip() or not text.isprintable() or line == text
 
 
 @given(

@@ -103,16 +103,16 @@ class Fetched(HTMLParser):
         self.fetched, self.links = list[str](), list[str]()
 
     def handle_starttag(self, tag, attrs):
-        named = dict(attrs)
+        attributes = dict(attrs)
         if tag in ("script", "img", "iframe", "source"):
-            self.fetched.append(named.get("src") or "")
+            self.fetched.append(attributes.get("src") or "")
         elif tag == "link":
-            self.fetched.append(named.get("href") or "")
+            self.fetched.append(attributes.get("href") or "")
         elif tag == "a":
-            self.links.append(named.get("href") or "")
+            self.links.append(attributes.get("href") or "")
 
 
-def parsed(page):
+def page_parts(page):
     reader = Fetched()
     reader.feed(page.read_text(encoding="utf-8"))
     return reader
@@ -123,9 +123,9 @@ def test_the_site_needs_no_network_and_no_link_is_dead(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 40
     for page in pages:
-        read = parsed(page)
-        assert not [address for address in read.fetched if re.match(r"(https?:)?//", address)], page
-        for link in (*read.fetched, *read.links):
+        parts = page_parts(page)
+        assert not [address for address in parts.fetched if re.match(r"(https?:)?//", address)], page
+        for link in (*parts.fetched, *parts.links):
             path = re.sub(r"[#?].*", "", link)
             if path and not re.match(r"[a-z]+:", path):
                 assert (page.parent / path).exists(), f"{page.relative_to(site)}: {link}"
@@ -137,8 +137,8 @@ def test_the_site_needs_no_network_and_no_link_is_dead(site):
 def test_every_page_leads_to_itself_in_the_other_language(site):
     for name in FOR_STUDENTS:
         page = "index" if name == "README" else name
-        assert f"es/{page}.html" in parsed(site / f"{page}.html").links
-        assert f"../{page}.html" in parsed(site / "es" / f"{page}.html").links
+        assert f"es/{page}.html" in page_parts(site / f"{page}.html").links
+        assert f"../{page}.html" in page_parts(site / "es" / f"{page}.html").links
 
 
 @needs_sphinx
@@ -163,10 +163,10 @@ def test_both_searches_know_the_words_of_their_pages(site):
 def test_equations_are_mathml():
     from docs.site.mathematics import mathml
 
-    drawn = mathml(r"\dot\nu = f(\nu, u) \tag{3}", True)
-    assert "<math" in drawn
-    assert ">(3)<" in drawn
-    assert "tag" not in drawn
+    mathematics = mathml(r"\dot\nu = f(\nu, u) \tag{3}", True)
+    assert "<math" in mathematics
+    assert ">(3)<" in mathematics
+    assert "tag" not in mathematics
 
 
 @pytest.mark.skipif(find_spec("docutils") is None, reason="the site needs the extra docs")

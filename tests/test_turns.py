@@ -90,6 +90,6 @@ def test_one_that_runs_again_waits_for_the_others_to_leave(start):
 
 
 def test_without_other_processes_nobody_waits():
-    begun = time.monotonic()
+    start_s = time.monotonic()
     with turn(True, ""), turn(True, ""):
-        assert time.monotonic() - begun < 20.0
+        assert time.monotonic() - start_s < 20.0

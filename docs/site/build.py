@@ -18,15 +18,20 @@ def build(out: Path) -> bool:
 
     out = out.resolve()
     with tempfile.TemporaryDirectory(prefix="baqueano-site-") as folder:
-        made = Path(folder)
-        Edition("en").write(made / "en", reference())
-        Edition("es").write(made / "es")
+        build_folder = Path(folder)
+        Edition("en").write(build_folder / "en", reference())
+        Edition("es").write(build_folder / "es")
         fine = all(
-            [_sphinx(made / "en", made / "site", "en"), _sphinx(made / "es", made / "site" / "es", "es")]
+            [
+                _sphinx(build_folder / "en", build_folder / "site", "en"),
+                _sphinx(build_folder / "es", build_folder / "site" / "es", "es"),
+            ]
         )
         if fine:
             shutil.rmtree(out, ignore_errors=True)
-            shutil.copytree(made / "site", out, ignore=shutil.ignore_patterns(".buildinfo", "objects.inv"))
+            shutil.copytree(
+                build_folder / "site", out, ignore=shutil.ignore_patterns(".buildinfo", "objects.inv")
+            )
     return fine
 
 

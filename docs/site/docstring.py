@@ -63,7 +63,7 @@ def _blocks(lines: list[str]) -> Iterator[str]:
         elif part.startswith(("- ", "* ")):
             yield "\n".join(_item(line) for line in part.splitlines()) + "\n"
         else:
-            yield from _mixed(part.splitlines())
+            yield from _mixed_lines(part.splitlines())
 
 
 def _paragraphs(lines: list[str]) -> list[str]:
@@ -84,7 +84,7 @@ def _item(line: str) -> str:
     return mark.group() + escaped(line[mark.end() :])
 
 
-def _mixed(lines: list[str]) -> Iterator[str]:
+def _mixed_lines(lines: list[str]) -> Iterator[str]:
     """Return a paragraph whose last lines may be set in: an equation after its sentence."""
     cut = next((k for k, line in enumerate(lines) if line.startswith(SET_IN)), len(lines))
     if cut:
@@ -93,7 +93,7 @@ def _mixed(lines: list[str]) -> Iterator[str]:
     if cut < rest:
         yield "```text\n" + dedent("\n".join(lines[cut:rest])) + "\n```\n"
     if rest < len(lines):
-        yield from _mixed(lines[rest:])
+        yield from _mixed_lines(lines[rest:])
 
 
 def escaped(text: str) -> str:

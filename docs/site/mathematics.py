@@ -25,14 +25,14 @@ def mathml(tex: str, block: bool, place: Any = None) -> str:
     for pattern, same in SAME:
         rest = pattern.sub(same, rest)
     try:
-        drawn = tex2mathml(rest, as_block=block)
+        mathematics = tex2mathml(rest, as_block=block)
     except MathError as error:
         log.warning("equation %s: %s", tex, error, location=place)
         return f"<code>{html.escape(tex)}</code>"
     if not block:
-        return drawn
+        return mathematics
     equation_number = f'<span class="eqno">({html.escape(number.group(1))})</span>' if number else ""
-    return f'<div class="equation">{equation_number}{drawn}</div>'
+    return f'<div class="equation">{equation_number}{mathematics}</div>'
 
 
 def _inline(writer: Any, node: Any) -> None:

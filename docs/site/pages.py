@@ -55,12 +55,12 @@ class Edition:
     def menu(self, more: tuple[str, ...] = ()) -> dict[str, list[str]]:
         """Return the pages below each heading; `more` are those that no file stands for."""
         have = {*self.sources, *more} - {"index"}
-        named = {name for names in ORDER.values() for name in names}
+        page_names = {name for names in ORDER.values() for name in names}
         out = {}
         for heading, names in ORDER.items():
             pages = [name for name in names if name in have]
             if heading == "How to":
-                pages += sorted(name for name in have - named if "/" not in name)
+                pages += sorted(name for name in have - page_names if "/" not in name)
             if heading == "Derivations":
                 pages += sorted(name for name in have if name.startswith("derivations/"))
             title = SPANISH[heading] if self.language == "es" else heading
@@ -75,9 +75,9 @@ class Edition:
             text = self._linked(path, folder)
             if name == "index":
                 text += _toctrees(self.menu(tuple(more)))
-            _put(folder / f"{name}.md", text)
+            _write_page(folder / f"{name}.md", text)
         for name, text in more.items():
-            _put(folder / f"{name}.md", text)
+            _write_page(folder / f"{name}.md", text)
 
     def _linked(self, path: Path, folder: Path) -> str:
         """Return the text of a page with the links of the site; code stays as it is."""
@@ -120,7 +120,7 @@ def _name(stem: str) -> str:
     return "index" if stem == "README" else stem
 
 
-def _put(path: Path, text: str) -> None:
+def _write_page(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8", newline="\n")
 

@@ -96,10 +96,10 @@ def _entry(name: str, thing: Any) -> str:
     if not inspect.isclass(thing):
         return _directive("function", name + signature(thing), markdown(inspect.getdoc(thing) or ""))
     text = inspect.getdoc(thing) or ""
-    made = dataclasses.is_dataclass(thing) and text.startswith(
+    is_dataclass = dataclasses.is_dataclass(thing) and text.startswith(
         f"{thing.__name__}("
     )  # by Python, not by a person
-    body = ["" if made else markdown(text), *_parameters(thing)]
+    body = ["" if is_dataclass else markdown(text), *_parameters(thing)]
     body += [_directive("method", word + signature(method, True), markdown(text), 3)
              for word, method, text in _methods(thing)]  # fmt: skip
     protocol = getattr(thing, "_is_protocol", False)

@@ -96,9 +96,9 @@ def test_a_vehicle_file_that_names_text_from_elsewhere_is_asked_for(tmp_path, ma
     monkeypatch.chdir(home if way != "where the user stands" else outside_file.parent)
     if way == "by a link":
         (home / "theirs.py").symlink_to(outside_file)
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         load(file)
-    assert "block.elsewhere" in causes(refused.value)
+    assert "block.elsewhere" in causes(error_info.value)
     assert not mark.exists(), "nothing of it was executed"
     load(file, allow_blocks=True).controller()
     assert mark.exists()
@@ -108,18 +108,18 @@ def test_a_file_without_its_class_is_not_executed_to_list_its_classes(tmp_path, 
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(outside_file))
     monkeypatch.chdir(file.parent)
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         load(file)
-    assert "block.elsewhere" in causes(refused.value)
+    assert "block.elsewhere" in causes(error_info.value)
     assert not mark.exists()
 
 
 def test_a_run_that_names_text_of_this_folder_is_asked_for(tmp_path, mark):
     text_at(tmp_path / "mine.py", mark)
     run = read_run(run_that_names("mine.py:Mine", tmp_path / "sent.mcap"))
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         replay(run)
-    assert "block.in-run" in causes(refused.value)
+    assert "block.in-run" in causes(error_info.value)
     assert not mark.exists()
     assert len(replay(run, allow_blocks=True).t_ns) == len(run.t_ns)
     assert mark.exists()
@@ -143,9 +143,9 @@ def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, m
     monkeypatch.chdir(lab)
     blocks.read(str(outside_file))  # even where the user has executed it
     mark.unlink()
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         replay(run, allow_blocks=True)
-    assert "block.in-run-elsewhere" in causes(refused.value)
+    assert "block.in-run-elsewhere" in causes(error_info.value)
     assert not mark.exists()
 
 
@@ -155,9 +155,9 @@ def test_models_and_sensors_out_of_a_run_are_asked_for_too(tmp_path, mark, table
     run = read_run(run_that_names("pd_feedforward", tmp_path / "sent.mcap"))
     kind_line = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
     object.__setattr__(run, "vehicle_text", run.vehicle_text.replace(kind_line, 'kind = "mine.py:Mine"'))
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         vehicle_of(run)
-    assert "block.in-run" in causes(refused.value)
+    assert "block.in-run" in causes(error_info.value)
     assert not mark.exists()
 
 
@@ -188,9 +188,11 @@ def test_the_command_line_says_what_to_type_and_goes_on_with_it(tmp_path, mark, 
     for words, code, ran in ((line, 3, False), ([*line, "--allow-blocks"], 0, True), (line, 3, False)):
         blocks._trusted.clear()
         mark.unlink(missing_ok=True)
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as exit_info:
             main(words)
-        assert (int(ended.value.code or 0), mark.exists() or not ran) == (code, True), capsys.readouterr().err
+        assert (int(exit_info.value.code or 0), mark.exists() or not ran) == (code, True), (
+            capsys.readouterr().err
+        )
 
 
 def test_the_truth_of_a_simulation_stands_beside_its_file(tmp_path):
@@ -199,9 +201,9 @@ def test_the_truth_of_a_simulation_stands_beside_its_file(tmp_path):
     file.parent.mkdir()
     for truth in ("../elsewhere.toml", str(tmp_path / "elsewhere.toml")):
         file.write_text(f"{load('small').text}\n[simulation]\ntruth = {truth!r}\n", encoding="utf-8")
-        with pytest.raises(FileError) as refused:
+        with pytest.raises(FileError) as error_info:
             experiment(load(file), np.zeros((5, 3)))
-        assert refused.value.diagnostic.code == "vehicle.truth-elsewhere"
+        assert error_info.value.diagnostic.code == "vehicle.truth-elsewhere"
 
 
 @pytest.mark.parametrize("checksum", ["0", "wrong"])

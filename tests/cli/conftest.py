@@ -62,23 +62,25 @@ class DriveEnded(NamedTuple):
 def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., DriveEnded]:
     """`baqueano("runs", "ls")` in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    ended: list[errors.CommandError] = []
+    endings: list[errors.CommandError] = []
 
-    def kept(error: BaseException, args: list[str], made=errors.command_error) -> errors.CommandError:
-        ended.append(made(error, args))
-        return ended[-1]
+    def keep_error(
+        error: BaseException, args: list[str], make_error=errors.command_error
+    ) -> errors.CommandError:
+        endings.append(make_error(error, args))
+        return endings[-1]
 
-    monkeypatch.setattr(errors, "command_error", kept)
+    monkeypatch.setattr(errors, "command_error", keep_error)
 
-    def typed(*args: str) -> DriveEnded:
+    def run_line(*args: str) -> DriveEnded:
         capsys.readouterr()
-        ended.clear()
+        endings.clear()
         with pytest.raises(SystemExit) as end:
             main(list(args))
         out, err = capsys.readouterr()
-        return DriveEnded(int(end.value.code or 0), out, err, *ended)
+        return DriveEnded(int(end.value.code or 0), out, err, *endings)
 
-    return typed
+    return run_line
 
 
 @pytest.fixture(scope="session")

@@ -24,11 +24,11 @@ OPEN = "1"  # in the place of a word that is known when the line is made
 def of_call(node):
     """The words of typed(…), several at once taken as one and as none."""
     several = any(isinstance(argument, ast.Starred) for argument in node.args)
-    for put in ([OPEN], []) if several else ([],):
+    for prefix in ([OPEN], []) if several else ([],):
         words = []
         for argument in node.args:
             words += (
-                put
+                prefix
                 if isinstance(argument, ast.Starred)
                 else [argument.value if isinstance(argument, ast.Constant) else OPEN]
             )
@@ -58,7 +58,7 @@ def advised():
             yield code, [line.split()]
 
 
-def parsed(words):
+def parse_line(words):
     """The context of a command, None of one that shows a help; click's error or KeyError where it is none."""
     words = [OPEN if word.startswith("{") else word for word in words]
     command, rest = command_of(words[0]), words[1:]
@@ -83,7 +83,7 @@ def test_each_advised_line_can_be_typed(place, readings):
     wrong = []
     for words in readings:
         try:
-            parsed(words)
+            parse_line(words)
             return
         except (click.ClickException, KeyError) as error:
             wrong.append(error)
@@ -158,7 +158,7 @@ def test_a_width_without_figures_is_refused(baqueano, lab):
     assert baqueano("report", run, "--width", "nine").why.code == "front.width-unknown"
     end = baqueano("report", run, "--width", "column")
     assert (end.code, end.why.code) == (2, "cli.width-unused")
-    assert parsed(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
+    assert parse_line(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
 
 
 def test_update_on_a_file_without_an_estimator_writes_the_noise(baqueano, lab, tmp_path):
@@ -172,7 +172,7 @@ def test_update_on_a_file_without_an_estimator_writes_the_noise(baqueano, lab, t
         ).code
         == 0
     )
-    written = (tmp_path / "mine.toml").read_text(encoding="utf-8")
-    assert "measurement_noise_cov" in written
-    assert "[estimator]" in written
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert "measurement_noise_cov" in text
+    assert "[estimator]" in text
     assert baqueano("replay", run, "--vehicle", "mine.toml").code == 0

@@ -18,7 +18,7 @@ from baqueano.diagnostics import StopReason
 from baqueano.drive.by_hand.terminal_heartbeat import GONE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
-from tests.drive.test_closure import driven
+from tests.drive.test_closure import drive_of_turns
 
 pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
@@ -105,14 +105,14 @@ class Terminal:
 
 @pytest.fixture
 def terminal(tmp_path):
-    made = []
+    terminals = []
 
     def make(*words, **options):
-        made.append(Terminal(tmp_path, *words, **options))
-        return made[-1]
+        terminals.append(Terminal(tmp_path, *words, **options))
+        return terminals[-1]
 
     yield make
-    for terminal in made:
+    for terminal in terminals:
         terminal.close()
 
 
@@ -219,19 +219,19 @@ def test_teach_with_keys_leaves_a_route(terminal, tmp_path):
 
 
 def test_without_a_terminal_it_says_what_to_type(baqueano):
-    ended = baqueano("drive", "--vehicle", "small")
-    assert ended.code == 2
-    assert "ssh -t" in ended.paragraph
+    end = baqueano("drive", "--vehicle", "small")
+    assert end.code == 2
+    assert "ssh -t" in end.paragraph
 
 
 def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
-    ended = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
-    assert ended.code == 2
-    assert ended.why.code == "cli.emulated-by-hand"
+    end = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
+    assert end.code == 2
+    assert end.why.code == "cli.emulated-by-hand"
 
 
 def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
-    run = driven(vehicle_file.load("small"), [4.0 * np.pi])
+    run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **options: run)
     end = baqueano("drive", "--vehicle", "small", "--json")
     assert "type: --set sensors.imu.gyro_scale=0.9" in end.err
@@ -244,7 +244,7 @@ def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano
 
 
 def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
-    run = driven(vehicle_file.load("small"), [4.0 * np.pi])
+    run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
         "baqueano.cli.driving.drive.by_hand", lambda *args, **options: replace(run, events=run.events[-1:])
     )
@@ -264,19 +264,19 @@ def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, b
 def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
     text = vehicle_file.override(vehicle_file.load("small"), ("model.drivetrain.gain=[1.1,0.9]",)).text
     (tmp_path / "unequal.toml").write_text(text, encoding="utf-8")
-    for words, shown in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
+    for words, pattern in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
         out = f"run{len(words)}.mcap"
         screen = terminal(*DRIVE[:3], "--robot", "simulated:unequal.toml", "-o", out, *words)
         screen.until(rb"terminal \d+ ms")
         screen.type(W_DOWN)
         screen.until(rb"speed +0\.[1-9]")
-        screen.until(shown)
+        screen.until(pattern)
         screen.type(b"\x1b[113;1:1u")
         assert screen.ends() == 0
         assert np.any(read_run(tmp_path / out).requested[:, 2]) == (not words)
 
 
 def test_who_does_not_drive_holds_nothing(baqueano):
-    ended = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
-    assert ended.code == 2
-    assert (ended.why.code, ended.why.figures["driver"]) == ("cli.hand-options", "circle")
+    end = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
+    assert end.code == 2
+    assert (end.why.code, end.why.figures["driver"]) == ("cli.hand-options", "circle")

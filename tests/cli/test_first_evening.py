@@ -36,9 +36,9 @@ def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
 def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
     from baqueano.tune.rehearsal import rehearse
 
-    typed = {param.name: param.default for param in tune.params}
+    defaults = {param.name: param.default for param in tune.params}
     for name in ("jerk_m2", "aside_m"):
-        assert typed[name] == signature(rehearse).parameters[name].default == 0.1
+        assert defaults[name] == signature(rehearse).parameters[name].default == 0.1
 
 
 def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baqueano, tmp_path, monkeypatch):
@@ -46,8 +46,8 @@ def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baq
     assert "guesses" in baqueano("new", "mylab").err
     monkeypatch.chdir(tmp_path / "mylab")
     assert load("vehicle.toml").provenance["model"] == ("a guess", None, None, "GUESS")
-    taught = baqueano("teach", "lab", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
-    for end in (taught, baqueano("repeat", "lab")):
+    lesson = baqueano("teach", "lab", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
+    for end in (lesson, baqueano("repeat", "lab")):
         assert end.code == 0
         assert end.err.count(advice) == 1, "no refusal, one sentence"
     assert baqueano("experiment", "--seconds", "20").code == 0
@@ -176,13 +176,13 @@ def test_the_simulation_of_a_project_of_ones_own_vehicle_is_not_its_guess(baquea
 def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano, tmp_path, monkeypatch):
     assert baqueano("new", "mylab").code == 0
     monkeypatch.chdir(tmp_path / "mylab")
-    ended = [
+    ends = [
         baqueano("simulate", "--seconds", "1", "-o", f"{k}.mcap", *more)
         for k, more in enumerate(((), ("--model",)))
     ]
     truth, model = (read_run(tmp_path / "mylab" / f"{k}.mcap") for k in range(2))
-    assert "simulated: small" in ended[0].err
-    assert "simulated: small" not in ended[1].err
+    assert "simulated: small" in ends[0].err
+    assert "simulated: small" not in ends[1].err
     assert abs(truth.truth.nu[-1, 0] - model.truth.nu[-1, 0]) > 1e-4
     assert (
         truth.vehicle_text

@@ -27,13 +27,13 @@ def test_the_help_shows_the_map_as_it_is(baqueano):
     assert "\n  [command]\n" in baqueano("runs", "import", "--help").out
 
 
-@pytest.mark.parametrize("given", ["log.csv", "drive.mcap"])
-def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, given):
-    (tmp_path / given).write_bytes(b"t;\xb0/s\n")
-    end = baqueano("runs", "import", given)
+@pytest.mark.parametrize("file_name", ["log.csv", "drive.mcap"])
+def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, file_name):
+    (tmp_path / file_name).write_bytes(b"t;\xb0/s\n")
+    end = baqueano("runs", "import", file_name)
     assert end.code == 3
     assert end.why.code == "map.recording"
-    assert end.fix == f"baqueano runs import {given} --draft {given.partition('.')[0]}.toml"
+    assert end.fix == f"baqueano runs import {file_name} --draft {file_name.partition('.')[0]}.toml"
 
 
 def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
@@ -84,8 +84,8 @@ def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, t
         "FILE",
         "--update",
     ]
-    for given, names in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
-        assert baqueano("runs", "import", "rover.toml", given, "-o", "trials").code == 0
+    for file_name, names in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
+        assert baqueano("runs", "import", "rover.toml", file_name, "-o", "trials").code == 0
         assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == names
     assert baqueano("runs", "import", "rover.toml", "first.csv", "-o", "here.mcap").code == 0
     assert (tmp_path / "here.mcap").is_file()
@@ -110,9 +110,9 @@ def test_a_draft_of_a_map_is_a_map(baqueano, tmp_path):
     rows = "".join(f"{20 * k},{k % 200},100,10,10,0,0,{k % 7},{k},0,0,a\n" for k in range(60))
     (tmp_path / "log.csv").write_text(LOG + rows, encoding="utf-8")
     assert baqueano("runs", "import", "log.csv").fix == "baqueano runs import log.csv --draft log.toml"
-    made = baqueano("runs", "import", "log.csv", "--draft", "log.toml")
-    assert made.code == 0
-    assert "baqueano runs import log.toml log.csv" in made.out
+    draft = baqueano("runs", "import", "log.csv", "--draft", "log.toml")
+    assert draft.code == 0
+    assert "baqueano runs import log.toml log.csv" in draft.out
     signal_map = load_map(tmp_path / "log.toml")
     assert (signal_map.wheels, set(signal_map.sensors), signal_map.truth is not None) == (
         True,

@@ -214,9 +214,9 @@ def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_lette
     body = re.sub(
         r"<style.*?</style>|<code>.*?</code>|<metadata>.*?</metadata>|<defs>.*?</defs>", "", page, flags=re.S
     )
-    shown = html.unescape("\n".join(re.findall(r">([^<>]+)<", body)))
+    words = html.unescape("\n".join(re.findall(r">([^<>]+)<", body)))
     assert '<html lang="es">' in page
-    assert not english_in(shown)
+    assert not english_in(words)
 
 
 @pytest.mark.parametrize("line", ["compare 1", "runs ls", "forecast lab --vehicle small"])
@@ -270,8 +270,8 @@ def test_a_new_project_explains_itself_in_spanish(in_lab, capsys):
         said_by("new proyecto", capsys)
     finally:
         language.choose("")
-    written = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
-    assert "Ejecute las celdas" in written["first_evening.ipynb"]
+    texts = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
+    assert "Ejecute las celdas" in texts["first_evening.ipynb"]
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
-        assert "Funciona así como está." in written[name]
-        compile(written[name], name, "exec")
+        assert "Funciona así como está." in texts[name]
+        compile(texts[name], name, "exec")

@@ -10,7 +10,7 @@ from baqueano.messages import Argument
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "python", "typed"),
+    ("name", "value", "python", "line"),
     [
         ("clocks", "gps", 'clocks = "gps"', "--clock gps"), ("use", "imu[2]", 'use = "imu[2]"', "--use 'imu[2]'"),
         ("use", "…", 'use = "…"', "--use SENSOR"), ("free", "…", 'free = "…"', "--free KEY"),
@@ -18,8 +18,8 @@ from baqueano.messages import Argument
         ("laps", "", "laps", "--laps"),
     ],
 )  # fmt: skip
-def test_an_argument_is_written_as_python_has_it_and_as_it_is_typed(name, value, python, typed):
-    assert (format(Argument(name), value), format(Option(name), value)) == (python, typed)
+def test_an_argument_is_written_as_python_has_it_and_as_it_is_typed(name, value, python, line):
+    assert (format(Argument(name), value), format(Option(name), value)) == (python, line)
 
 
 def test_every_option_that_stands_for_an_argument_is_one_of_the_verb():

@@ -120,11 +120,11 @@ def test_gains_that_stand_in_the_code_of_a_controller_are_found_and_written(proj
 
 def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tmp_path):
     own_file = load(own_controller(tmp_path, 'parameter("unit of u per m", "ahead", default=0.5)'))
-    tuned = own_file.with_values(
+    tuned_file = own_file.with_values(
         {"controller.k": 2.0}, {"controller.k": {"run": "tune", "verdict": "USABLE"}}
     )
     (tmp_path / "mine.py").unlink()
-    assert parse(tuned.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
+    assert parse(tuned_file.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
 
 
 def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_the_search(project, tmp_path):
@@ -144,11 +144,11 @@ def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tm
 
 
 @pytest.mark.parametrize(
-    ("typed", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
+    ("mistyped", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
 )
-def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp_path, typed, right):
+def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp_path, mistyped, right):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
-    end = project("repeat", "lab", "--vehicle", "small", "--controller", typed)
+    end = project("repeat", "lab", "--vehicle", "small", "--controller", mistyped)
     assert end.fix == f"baqueano repeat lab --vehicle small --controller {right}"
 
 

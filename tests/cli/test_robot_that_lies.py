@@ -48,8 +48,8 @@ def liar(tmp_path):
 
     thread = threading.Thread(target=work, daemon=True)
 
-    def begin(**given):
-        answers.update(given)
+    def begin(**replies):
+        answers.update(replies)
         thread.start()
         return str(path)
 

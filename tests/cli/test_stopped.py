@@ -14,12 +14,12 @@ ROW = {"recording": "one", "quantity": "speed", "value": 0.1, "bar": "≤ 1", "o
 
 
 def test_id0_a_fit_that_is_stopped_is_reported_and_not_written(baqueano, lab, tmp_path, monkeypatch):
-    def stopped(runs, file, say, **options):
+    def stopped_fit(runs, file, say, **options):
         fit = identify(runs, file, ["model.actuator_matrix[0,0]"], say=say)
         say.stopped = True
         return fit
 
-    monkeypatch.setattr(import_module("baqueano.identify"), "identify", stopped)
+    monkeypatch.setattr(import_module("baqueano.identify"), "identify", stopped_fit)
     path = str(lab / "runs" / "0001-experiment.mcap")
     end = baqueano("identify", path, "--vehicle", "small", "--update")
     assert end.code == 130

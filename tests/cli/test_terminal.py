@@ -185,7 +185,7 @@ def test_work_that_says_nothing_ends_at_once_and_work_that_does_ends_with_what_i
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def shown(capsys, pattern, times=1):
+def progress_lines(capsys, pattern, times=1):
     """What stderr has shown by when it shows this so often."""
     err, until = "", time.monotonic() + 60
     while len(re.findall(pattern, err)) < times:
@@ -200,7 +200,7 @@ def test_a_person_sees_how_far_the_work_is_on_one_line(monkeypatch, capsys):
     with steps() as begin:
         say = begin("fitting")
         say("round 3: 20 evaluations")
-        err = shown(capsys, r"fitting  \d+ s  round 3: 20 evaluations")
+        err = progress_lines(capsys, r"fitting  \d+ s  round 3: 20 evaluations")
         begin("drawing")
     err += capsys.readouterr().err
     assert err.count("\n") == 2
@@ -213,7 +213,7 @@ def test_where_nobody_looks_a_line_stands_at_wide_intervals(monkeypatch, capsys)
     with steps() as begin:
         say = begin("fitting")
         say("round 3")
-        err = shown(capsys, "round 3", times=2)
+        err = progress_lines(capsys, "round 3", times=2)
     took_s = time.monotonic() - began
     err += capsys.readouterr().err
     lines = err.splitlines()

@@ -69,13 +69,13 @@ def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path,
 
 def test_help_is_for_every_verb(baqueano):
     for flag in ("-h", "--help"):
-        shown = baqueano(flag)
-        assert shown.code == 0
-        assert all(verb in shown.out for verb in VERBS)
+        help_end = baqueano(flag)
+        assert help_end.code == 0
+        assert all(verb in help_end.out for verb in VERBS)
     for verb in VERBS:
-        shown = baqueano(verb, "-h")
-        assert shown.code == 0
-        assert shown.out.startswith(f"Usage: baqueano {verb}")
+        help_end = baqueano(verb, "-h")
+        assert help_end.code == 0
+        assert help_end.out.startswith(f"Usage: baqueano {verb}")
 
 
 def test_a_verb_that_is_called_by_itself_keeps_the_short_help(baqueano):
@@ -89,8 +89,8 @@ def test_version_is_reported(baqueano):
 
 
 def test_the_module_is_the_command():
-    shown = subprocess.run([sys.executable, "-m", "baqueano", "--version"], capture_output=True, text=True)
-    assert shown.stdout.strip() == f"baqueano, version {__version__}"
+    process = subprocess.run([sys.executable, "-m", "baqueano", "--version"], capture_output=True, text=True)
+    assert process.stdout.strip() == f"baqueano, version {__version__}"
 
 
 def test_no_verb_at_all_shows_the_verbs_with_code_2(baqueano):
@@ -114,15 +114,15 @@ def test_help_loads_no_verb_and_no_numpy():
         "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in ROOMS))\n"
         "print([m for m in sys.modules if m.startswith(rooms)])"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.rstrip().endswith("[]")
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.rstrip().endswith("[]")
 
 
 def test_an_error_that_nobody_foresaw_names_its_place(baqueano, monkeypatch):
-    def broken(*args, **kwargs):
+    def break_listing(*args, **kwargs):
         raise RuntimeError("the moon")
 
-    monkeypatch.setattr("baqueano.runs.folder.listing", broken)
+    monkeypatch.setattr("baqueano.runs.folder.listing", break_listing)
     end = baqueano("runs", "ls")
     assert end.code == 1
     assert (end.why.code, end.why.figures["error"]) == ("cli.unforeseen", "RuntimeError: the moon")
@@ -171,10 +171,10 @@ def test_an_unknown_back_end_in_the_environment_is_reported(baqueano, monkeypatc
 def test_a_c_back_end_without_a_compiler_is_reported_with_the_other_one(baqueano, monkeypatch):
     from baqueano.symbolic.c_code.compile import CompileError
 
-    def refused(*args, **kwargs):
+    def refuse(*args, **kwargs):
         raise CompileError(fault("compiler.absent", "pip install ziglang"))
 
-    monkeypatch.setattr(import_module("baqueano.simulate"), "simulate", refused)
+    monkeypatch.setattr(import_module("baqueano.simulate"), "simulate", refuse)
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
     assert end.code == 2
     assert (end.why.code, end.fix) == ("cli.not-compiled", "--backend python")

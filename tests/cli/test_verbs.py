@@ -20,10 +20,10 @@ def project(baqueano, lab, tmp_path):
 
 
 def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, monkeypatch):
-    made = baqueano("new", "mi lab")
-    assert made.code == 0
+    creation = baqueano("new", "mi lab")
+    assert creation.code == 0
     assert (
-        made.out.strip()
+        creation.out.strip()
         == "mi lab: vehicle.toml, my_estimator.py, my_guide.py, my_controller.py, first_evening.ipynb"
     )
     second = baqueano("new", "mi lab")
@@ -31,9 +31,9 @@ def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, 
     assert second.why.code == "cli.folder-not-empty"
     monkeypatch.chdir(tmp_path / "mi lab")
     for block in ("my_estimator.py:MyEstimator", "my_guide.py:MyGuide", "my_controller.py:MyController"):
-        checked = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
-        assert checked.code == 0, checked.out
-        assert checked.reply == {"rows": [], "verdict": "USABLE"}
+        check = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
+        assert check.code == 0, check.out
+        assert check.reply == {"rows": [], "verdict": "USABLE"}
 
 
 def test_an_experiment_answers_with_what_the_run_holds(baqueano, tmp_path):
@@ -78,9 +78,9 @@ def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_pat
 
 
 def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
-    taught = project("teach", "otra", "--vehicle", "small", "--driver", "lab", "--json")
-    assert taught.code == 0
-    assert taught.reply["rows"][0]["poses"] > 50
+    lesson = project("teach", "otra", "--vehicle", "small", "--driver", "lab", "--json")
+    assert lesson.code == 0
+    assert lesson.reply["rows"][0]["poses"] > 50
     assert (tmp_path / "routes" / "otra.csv").is_file()
     end = project("repeat", "otra", "--vehicle", "small", "--json", "--report", "page.html")
     assert end.code == 0, end.err
@@ -120,9 +120,9 @@ def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
     assert replayed["run"].startswith("0003-replay")
     first = project("replay", "1", "--estimator", "ekf", "--json").reply["rows"][1]
     assert replayed["speed_error_m_s"] < first["speed_error_m_s"]
-    kept = read_run(tmp_path / "runs" / f"{replayed['run']}.mcap")
-    assert kept.metadata["smoothed"] == "Rauch-Tung-Striebel"
-    assert len(kept.estimate.t_ns) == len(kept.t_ns)
+    replayed_run = read_run(tmp_path / "runs" / f"{replayed['run']}.mcap")
+    assert replayed_run.metadata["smoothed"] == "Rauch-Tung-Striebel"
+    assert len(replayed_run.estimate.t_ns) == len(replayed_run.t_ns)
 
 
 def test_what_is_not_a_kalman_filter_cannot_be_smoothed(project, tmp_path):
@@ -179,15 +179,15 @@ def test_a_fit_that_cannot_be_meant_is_refused(project, options, expected):
 def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path):
     baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
     fit = ("identify", "tiny.mcap", "--vehicle", "small", "--no-noise")
-    without, written = baqueano(*fit), baqueano(*fit, "--report", "page.html")
-    assert without.code == written.code == 1
+    without, with_report = baqueano(*fit), baqueano(*fit, "--report", "page.html")
+    assert without.code == with_report.code == 1
     assert without.out.endswith(" more: --report fit.html shows all, with figures\n")
     assert without.why.code == "cli.fit-refused"
     assert without.why.figures["data"].fix == "--report fit.html"
-    assert written.out.endswith(" more: the report shows all, with figures\n")
-    assert written.why.figures["data"].code == "cli.data-in-report"
-    assert "report: page.html" in written.err
-    assert "--report" not in written.out + written.err
+    assert with_report.out.endswith(" more: the report shows all, with figures\n")
+    assert with_report.why.figures["data"].code == "cli.data-in-report"
+    assert "report: page.html" in with_report.err
+    assert "--report" not in with_report.out + with_report.err
     assert (tmp_path / "page.html").exists()
 
 

@@ -103,8 +103,8 @@ def test_units_do_not_matter():
 
 def test_a_singular_or_unknown_covariance_is_not_judged():
     cov = np.stack([P, np.zeros((3, 3)), np.full((3, 3), np.nan), -P])
-    squared = consistency.squared(consistency.whitened(np.ones((4, 3)), cov))
-    assert np.isfinite(squared).tolist() == [True, False, False, False]
+    squares = consistency.squared(consistency.whitened(np.ones((4, 3)), cov))
+    assert np.isfinite(squares).tolist() == [True, False, False, False]
 
 
 def test_a_silent_sensor_is_left_out_of_the_innovations():

@@ -34,9 +34,9 @@ def test_turning_the_map_changes_no_corridor():
     A = rng.standard_normal((3, 3))
     P, c, s = 0.01 * A @ A.T, np.cos(1.0), np.sin(1.0)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    straight_corridor, turned = straight([P]), straight([R @ P @ R.T], 1.0)
-    assert turned.across_m == pytest.approx(straight_corridor.across_m)
-    assert turned.area_m2 == pytest.approx(straight_corridor.area_m2)
+    straight_corridor, turned_corridor = straight([P]), straight([R @ P @ R.T], 1.0)
+    assert turned_corridor.across_m == pytest.approx(straight_corridor.across_m)
+    assert turned_corridor.area_m2 == pytest.approx(straight_corridor.area_m2)
 
 
 @pytest.mark.parametrize("sd", [0.51, np.nan])
@@ -65,9 +65,9 @@ def test_a_run_says_after_how_many_laps_and_compare_says_it_too():
     corridor = corridor_of(run)
     assert corridor.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
     assert corridor.sentence.startswith("after 2 laps the position is known to ± ")
-    judged = compare(run)
-    assert corridor.sentence in judged.table()
-    assert judged.rows()[0]["corridor_across_m"] == corridor.across_m[-1]
+    comparison = compare(run)
+    assert corridor.sentence in comparison.table()
+    assert comparison.rows()[0]["corridor_across_m"] == corridor.across_m[-1]
 
 
 def test_an_eight_is_one_lap_although_it_crosses_its_start():
@@ -79,11 +79,11 @@ def test_the_forecast_and_the_corridor_claimed_afterwards_agree():
     file, route = load("small"), sinuous_circle(0.6, 0.06, 5, 0.2)
     ahead = corridor_ahead(file, route, 2)
     for seed in (1, 2):
-        driven = corridor_of(simulate_loop(file, route, seed, laps=2))
+        driven_corridor = corridor_of(simulate_loop(file, route, seed, laps=2))
         for row in ahead.rows():
-            k = int(np.searchsorted(driven.t_s, row["t_s"])) - 1
+            k = int(np.searchsorted(driven_corridor.t_s, row["t_s"])) - 1
             for name in ("across_m", "area_m2", "heading_rad"):
-                assert row[name] == pytest.approx(getattr(driven, name)[k], rel=0.2), (name, seed)
+                assert row[name] == pytest.approx(getattr(driven_corridor, name)[k], rel=0.2), (name, seed)
 
 
 def test_a_forecast_says_when_the_vehicle_is_lost():

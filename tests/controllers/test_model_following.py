@@ -113,10 +113,10 @@ def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, t
     e, r = np.array([x, y, psi]), np.array([0.0, 0.1, 0.2])
     command = controller.step(controller.init(), reference(r, nu), estimate(e, nu))[1].u
     full = np.array([0.0, 0.0, 2.0 * np.pi * turns])
-    moved = controller.step(
+    moved_command = controller.step(
         controller.init(), reference(compose(move, r) + full, nu), estimate(compose(move, e), nu)
     )
-    np.testing.assert_allclose(moved[1].u, command, atol=1e-8)
+    np.testing.assert_allclose(moved_command[1].u, command, atol=1e-8)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -124,9 +124,9 @@ def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, t
 def test_the_garages_vehicle_drives_evenly(shape, perfect):
     """The paper's PD with the gains of before: 51 to 124 % of speed error, 1 to 3 changes of sign a second."""
     run = simulate_loop(SMALL, SHAPES[shape](0.2), perfect=perfect)
-    kept = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
-    assert kept.error < 0.05
-    assert kept.uneven < 0.03
+    evenness = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
+    assert evenness.error < 0.05
+    assert evenness.uneven < 0.03
     assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
     assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
 
@@ -158,9 +158,9 @@ def test_it_joins_its_route_from_all_sides_within_a_metre(law):
             "joined", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, np.array(start)))[1], {}
         )
         off = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
-        travelled = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
-        assert travelled[-1] > 2.0
-        assert off[travelled > 1.0].max() < 0.03, start
+        way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
+        assert way_m[-1] > 2.0
+        assert off[way_m > 1.0].max() < 0.03, start
 
 
 @pytest.mark.parametrize("law", ["pd_feedforward", "lqr", "pure_pursuit"])
@@ -172,7 +172,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), times(220, car.rate_hz)
     nu = np.array([speed if moving else 0.0, 0.0, 0.0])
     x, y, psi = circle(radius_m, speed).eta[0]
-    for ahead, left, turned in [
+    for ahead, left, heading_deg in [
         (0, 0.2, 30),
         (0, 0.2, -30),
         (0, -0.2, 30),
@@ -180,14 +180,16 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
         (-0.2, 0, 30),
         (0.2, 0, 30),
     ]:
-        state = begin(system, compose(np.array([x, y, psi]), np.array([ahead, left, np.radians(turned)])))
+        state = begin(
+            system, compose(np.array([x, y, psi]), np.array([ahead, left, np.radians(heading_deg)]))
+        )
         state = state._replace(world=state.world._replace(vehicle=state.world.vehicle._replace(nu=nu)))
         run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
         centre = x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)
         off = np.abs(np.hypot(run.truth.eta[:, 0] - centre[0], run.truth.eta[:, 1] - centre[1]) - radius_m)
-        travelled = np.cumsum(np.abs(run.truth.nu[:, 0])) / car.rate_hz
-        assert travelled[-1] > 1.5
-        assert off[travelled > 1.0].max() < 0.03, (ahead, left, turned)
+        way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / car.rate_hz
+        assert way_m[-1] > 1.5
+        assert off[way_m > 1.0].max() < 0.03, (ahead, left, heading_deg)
 
 
 def test_a_vehicle_that_moves_when_the_controller_begins_is_not_braked():

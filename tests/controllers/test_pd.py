@@ -88,11 +88,11 @@ def test_moving_and_turning_the_world_changes_no_command(x, y, psi, xr, yr, psir
     _, here_next = PD.step(state, reference(*r), estimate(*e, t_s=0.01))
     full = np.array([0.0, 0.0, 2.0 * np.pi * turns])
     r2, e2 = compose(move, r) + full, compose(move, e)
-    state, moved = PD.step(PD.init(), reference(*r2), estimate(*e2))
+    state, moved_command = PD.step(PD.init(), reference(*r2), estimate(*e2))
     _, there_next = PD.step(state, reference(*r2), estimate(*e2, t_s=0.01))
     at_the_cut = abs(abs(command.u[2] / 3.0) - np.pi) < 1e-6  # ±π is one heading and two errors
     if not at_the_cut:
-        np.testing.assert_allclose(moved.u, command.u, atol=1e-9)
+        np.testing.assert_allclose(moved_command.u, command.u, atol=1e-9)
         np.testing.assert_allclose(there_next.u, here_next.u, atol=1e-9)
 
 

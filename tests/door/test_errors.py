@@ -24,6 +24,6 @@ def test_a_code_is_that_of_the_error_that_it_came_from(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_the_vehicle_refuses_is_refused_here_for_the_same_reason(kind):
-    with pytest.raises(kind, match="why") as caught:
+    with pytest.raises(kind, match="why") as error_info:
         vehicle(**{"is": "no", "why": "why", "code": kind.exit_code}).hear(("state",), 5.0)
-    assert type(caught.value) is kind
+    assert type(error_info.value) is kind

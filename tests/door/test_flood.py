@@ -29,14 +29,14 @@ def door(tmp_path):
 
 
 @pytest.fixture
-def come(door):
+def connect(door):
     people = []
 
-    def come():
+    def add_person():
         people.append(Person(door.path))
         return people[-1]
 
-    yield come
+    yield add_person
     for person in people:
         person.close()
 
@@ -75,11 +75,11 @@ class Flood(threading.Thread):
         self.join()
 
 
-def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, come, turns):
-    floods = [Flood(come()) for _ in range(5)]
+def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, connect, turns):
+    floods = [Flood(connect()) for _ in range(5)]
     until(lambda: len(turns) > 20 * SHARE)
     for _ in range(5):
-        teacher, before = come(), len(turns)
+        teacher, before = connect(), len(turns)
         teacher.line.sendall(STOP)
         while (message := teacher.hear())["is"] == "state":
             pass
@@ -91,8 +91,8 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
         flood.end()
 
 
-def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, come, turns):
-    person = come()
+def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, connect, turns):
+    person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.why(False) is not None)
     at = next(k for k, line in enumerate(turns) if line.startswith(b'{"do": "stop"'))
@@ -100,14 +100,14 @@ def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, come, turns
     assert door.operator.why(False).code == StopReason.STOPPED_BY
 
 
-def test_what_only_looks_like_a_stop_waits_for_its_turn(door, come):
-    person = come()
+def test_what_only_looks_like_a_stop_waits_for_its_turn(door, connect):
+    person = connect()
     person.say(do="ping", token={"do": "stop"})
     assert person.hear()["token"] == {"do": "stop"}
     assert door.operator.why(False) is None
 
 
-def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, come):
+def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, connect):
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
         guest = Guest(near_end)
@@ -117,7 +117,7 @@ def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(doo
         assert guest.dropped == 2 * BACKLOG
         far_end.sendall(STOP)
         assert list(guest.receive()) == [STOP.rstrip()]
-    person = come()
+    person = connect()
     person.line.sendall(RUNS * (4 * BACKLOG))
     while (message := person.hear())["is"] == "runs":
         pass
@@ -141,8 +141,8 @@ def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():
         assert guest.next() == BEAT.rstrip()  # its places are free again
 
 
-def test_lines_are_answered_in_equal_shares(door, come, turns):
-    flood, quiet = Flood(come()), come()
+def test_lines_are_answered_in_equal_shares(door, connect, turns):
+    flood, quiet = Flood(connect()), connect()
     until(lambda: len(turns) > 10 * SHARE)
     for k in range(20):
         before = len(turns)
@@ -152,16 +152,16 @@ def test_lines_are_answered_in_equal_shares(door, come, turns):
     flood.end()
 
 
-def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_taken(door, come):
+def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_taken(door, connect):
     door.tell({"is": "state", "state": "MISSION"})
     for _ in range(MOST_GUESTS):
-        assert come().hear()["is"] == "state"
-    late = come()
+        assert connect().hear()["is"] == "state"
+    late = connect()
     late.say(do="runs")
     assert late.hear()["about"]["code"] == "door.full"
     assert late.file.readline() == b""
-    more = [come() for _ in range(FOR_STOPS + 2)]  # who say nothing
-    teacher = come()
+    more = [connect() for _ in range(FOR_STOPS + 2)]  # who say nothing
+    teacher = connect()
     teacher.line.sendall(STOP)
     assert teacher.hear() == {"is": "heard", "do": "stop"}
     assert len(door._guests) <= MOST_GUESTS + FOR_STOPS
@@ -170,8 +170,8 @@ def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_tak
     assert more[0].file.readline() == b""
 
 
-def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, come):
-    people = [come() for _ in range(12)]
+def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, connect):
+    people = [connect() for _ in range(12)]
     for person in people:
         person.line.settimeout(20.0)
 
@@ -191,8 +191,8 @@ def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, come):
     assert sum(guest.coming for guest in door._guests) <= 64 * LONG + 12 * (LONG + PIECE)
 
 
-def test_a_long_line_is_refused_while_somebody_drives(door, come):
-    driver, second = come(), come()
+def test_a_long_line_is_refused_while_somebody_drives(door, connect):
+    driver, second = connect(), connect()
     until(lambda: len(door._guests) == 2)
     driver.say(do="mission", door=sockets.VERSION, mission="{}")
     until(lambda: door.operator.taken)
@@ -202,10 +202,10 @@ def test_a_long_line_is_refused_while_somebody_drives(door, come):
     assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
 
 
-def test_a_page_is_silent_sooner_than_ssh(door, come):
+def test_a_page_is_silent_sooner_than_ssh(door, connect):
     assert HIDDEN_S < SILENCE_S
     for k, (by, silence_s) in enumerate((("page", HIDDEN_S), ("ssh", SILENCE_S))):
-        person = come()
+        person = connect()
         person.say(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
         until(lambda: door.operator.taken)
         assert door.operator._silence_s == silence_s

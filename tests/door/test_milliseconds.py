@@ -21,7 +21,7 @@ TICK_MS = 10.0  # a stop waits for the next one
 
 @pytest.fixture(scope="module")
 def place():
-    with before_others(), bench.served() as service:
+    with before_others(), bench.serve_vehicle() as service:
         yield service
 
 
@@ -46,5 +46,5 @@ def test_a_message_arrives_within_5_ms(times):
 
 def test_ne5_twelve_guests_who_ask_for_the_runs_take_little_memory(place):
     service, guest, door = place
-    before, grown = bench.grown_mb(service, guest, door, 3.0)
-    assert grown <= bench.MOST_MB, before
+    before, growth_mb = bench.grown_mb(service, guest, door, 3.0)
+    assert growth_mb <= bench.MOST_MB, before

@@ -89,9 +89,9 @@ def test_a_vehicle_of_another_version_is_reported_before_anything_is_driven(
     with reached(str(vehicle.door.path)) as remote:
         remote.state.pop("door")
         remote.state |= {} if version is None else {"door": version}
-        with pytest.raises(UsageError) as refused:
+        with pytest.raises(UsageError) as error_info:
             remote.perform(mission, tmp_path / "here.mcap")
-    about = refused.value.diagnostic
+    about = error_info.value.diagnostic
     assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 2)
     assert about.fix.startswith("baqueano robot setup ")
     assert vehicle.operator.next() is None

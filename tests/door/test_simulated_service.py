@@ -179,10 +179,10 @@ def test_a_route_of_a_strange_name_is_not_listed(tmp_path):
 
     write_route(shape, tmp_path / "lab.csv")
     (tmp_path / "broken.csv").write_text("t_s\n")
-    stored = StoredRoutes(tmp_path)
-    assert [row["name"] for row in stored.rows()] == ["lab"]
+    routes = StoredRoutes(tmp_path)
+    assert [row["name"] for row in routes.rows()] == ["lab"]
     with pytest.raises(FileError):
-        stored.read("broken")
+        routes.read("broken")
 
 
 class Time:
@@ -272,16 +272,16 @@ def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, f
     row = child.until(lambda m: m["is"] == "ledger" and m["rows"][0]["over"])[-1]["rows"][0]
     assert row["until_s"] > row["t_s"]
     done = child.until(lambda m: m["is"] == "done")[-1]
-    shaken = read_run(folder / "runs" / done["run"])
+    shaken_run = read_run(folder / "runs" / done["run"])
     child.say(do="again", from_s=push["t_s"], without=[2])
     messages = child.until(lambda m: m["is"] == "done")
     assert (messages[-1]["id"], messages[-1]["code"]) == ("again", 0)
     twin = read_run(folder / "runs" / messages[-1]["run"])
-    kept = [e.diagnostic.code for e in twin.events if e.source == "shake"]
-    assert kept == ["shake.tilt"]
-    first = int(np.searchsorted(shaken.t_ns, round(push["t_s"] * 1e9) + 1))
-    np.testing.assert_array_equal(twin.truth.eta[:first], shaken.truth.eta[:first])
-    assert np.any(twin.truth.eta[first:] != shaken.truth.eta[first : len(twin.truth.eta)])
+    codes = [e.diagnostic.code for e in twin.events if e.source == "shake"]
+    assert codes == ["shake.tilt"]
+    first = int(np.searchsorted(shaken_run.t_ns, round(push["t_s"] * 1e9) + 1))
+    np.testing.assert_array_equal(twin.truth.eta[:first], shaken_run.truth.eta[:first])
+    assert np.any(twin.truth.eta[first:] != shaken_run.truth.eta[first : len(twin.truth.eta)])
     assert len(truths(messages, names)) > 0.5 * len(twin.t_ns)
 
 
@@ -296,11 +296,11 @@ def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, fo
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
     child.say(do="stop", why="enough")
     twin = read_run(folder / "runs" / child.until(lambda m: m["is"] == "done")[-1]["run"])
-    shaken = read_run(folder / "runs" / first["run"])
+    shaken_run = read_run(folder / "runs" / first["run"])
     assert not [e for e in twin.events if e.source == "shake"]
-    n = min(len(twin.t_ns), len(shaken.t_ns))
-    np.testing.assert_array_equal(twin.truth.eta[:50], shaken.truth.eta[:50])
-    assert np.any(twin.truth.eta[50:n] != shaken.truth.eta[50:n])
+    n = min(len(twin.t_ns), len(shaken_run.t_ns))
+    np.testing.assert_array_equal(twin.truth.eta[:50], shaken_run.truth.eta[:50])
+    assert np.any(twin.truth.eta[50:n] != shaken_run.truth.eta[50:n])
     child.say(do="clear")
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
 

@@ -53,11 +53,11 @@ def people(door):
     """Calls one more person to the door."""
     group = []
 
-    def come():
+    def add_person():
         group.append(Person(door.path))
         return group[-1]
 
-    yield come
+    yield add_person
     for person in group:
         person.close()
 
@@ -89,12 +89,12 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
     assert not attended
     commands = []
 
-    def arrived():  # said again and again: a set-point is one for 0.4 s only
+    def hand_arrives():  # said again and again: a set-point is one for 0.4 s only
         person.say(do="hand", u=[0.1, 0.0, 0.2])
         commands.append(door.operator.command(3))
         return commands[-1].any()
 
-    until(arrived)
+    until(hand_arrives)
     np.testing.assert_allclose(commands[-1], [0.1, 0.0, 0.2])
 
 
@@ -115,18 +115,18 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, peo
 
 @pytest.mark.parametrize("ticks", [3, 3000])
 def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypatch, ticks):
-    file, decoded, loads = vehicle_file.load("small"), [], json.loads
+    file, decoded_texts, loads = vehicle_file.load("small"), [], json.loads
     person.say(
         do="mission", door=VERSION, mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
     )
     until(lambda: door.operator.next() is not None)
     large = packed(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
-    monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
+    monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
     second = people()
     second.say(do="mission", door=VERSION, mission=large)
     assert loads(second.file.readline())["about"]["code"] == "door.somebody"
-    assert all(n <= LONG for n in decoded)  # a line at most, never the commands of a mission
-    assert len(decoded) == (len(large) < LONG)
+    assert all(n <= LONG for n in decoded_texts)  # a line at most, never the commands of a mission
+    assert len(decoded_texts) == (len(large) < LONG)
 
 
 def test_several_words_in_one_piece_are_all_received(door, person):
@@ -237,8 +237,8 @@ def test_a_run_of_a_power_cut_without_a_byte_is_fetched(door, person, tmp_path):
 def test_a_run_that_is_being_written_is_not_among_the_runs(door, person, tmp_path):
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).touch()
-    for written, names in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
-        door.tell({"is": "state", "state": "MISSION", "run": written})
+    for open_file, names in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
+        door.tell({"is": "state", "state": "MISSION", "run": open_file})
         person.say(do="runs")
         until(lambda: person.hear()["is"] == "state")
         assert person.hear() == {"is": "runs", "runs": names}

@@ -113,10 +113,10 @@ def test_each_verb_takes_them():
 
 def test_a_run_keeps_the_text_of_a_block_and_its_numbers(tmp_path):
     run = drive_with(controller=Push(4.0), path=tmp_path / "run.mcap")
-    kept = read_run(tmp_path / "run.mcap").metadata
-    assert kept["controller"] == run.metadata["controller"] == "Push(gain=4.0)"
-    assert kept["controller.text"] == Path(__file__).read_text(encoding="utf-8")
-    assert "estimator.text" not in kept  # it is ours, and the version stands in the run
+    metadata = read_run(tmp_path / "run.mcap").metadata
+    assert metadata["controller"] == run.metadata["controller"] == "Push(gain=4.0)"
+    assert metadata["controller.text"] == Path(__file__).read_text(encoding="utf-8")
+    assert "estimator.text" not in metadata  # it is ours, and the version stands in the run
 
 
 def test_a_run_keeps_the_text_of_a_file_and_of_a_cell():
@@ -183,13 +183,13 @@ def test_a_run_says_where_the_text_of_a_block_is_not_known():
      (Push(), "block.of-other-room")],
 )  # fmt: skip
 def test_what_cannot_stand_in_a_room_is_refused(block, code):
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         drive_with(estimator=block)
-    assert refused.value.diagnostic.code == code
+    assert error_info.value.diagnostic.code == code
 
 
 def test_a_run_without_a_vehicle_file_says_so():
 
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         replay(replace(drive_with(), vehicle_text=""))
-    assert refused.value.diagnostic.code == "drive.no-vehicle-in-run"
+    assert error_info.value.diagnostic.code == "drive.no-vehicle-in-run"

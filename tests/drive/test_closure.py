@@ -63,7 +63,7 @@ class ByTruth(Observer):
         return marks
 
 
-def driven(file, turns, seed=3, ahead=0.0, scale=TRUE):
+def drive_of_turns(file, turns, seed=3, ahead=0.0, scale=TRUE):
     """A run of turns to these headings [rad], with a mark standing at each; the gyro says `scale` of them."""
     truth = override(file, (f"sensors.imu.gyro_scale={scale}",))
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed)
@@ -73,7 +73,7 @@ def driven(file, turns, seed=3, ahead=0.0, scale=TRUE):
 
 def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
     for seed in (11, 12, 13):
-        run = driven(file, [2.0 * np.pi, 6.0 * np.pi], seed)
+        run = drive_of_turns(file, [2.0 * np.pi, 6.0 * np.pi], seed)
         assert len(marks_of(run)) == 3
         loop = closure(run, file)
         assert loop.turns == 3
@@ -86,26 +86,26 @@ def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
 
 
 def test_turns_to_the_right_tell_the_same(file):
-    loop = closure(driven(file, [-4.0 * np.pi]), file)
+    loop = closure(drive_of_turns(file, [-4.0 * np.pi]), file)
     assert loop.turns == -2
     assert abs(loop.scale - TRUE) < 2.0 * loop.sd
 
 
 def test_half_a_turn_is_refused(file):
     with refused("marks.no-whole-turn", AnswerNo):
-        closure(driven(file, [3.0 * np.pi]), file)
+        closure(drive_of_turns(file, [3.0 * np.pi]), file)
 
 
 def test_a_drive_without_rest_is_refused(file):
-    run = driven(file, [2.0 * np.pi])
-    moved = np.array(run.applied)
-    moved[moved == 0.0] = 1e-9
+    run = drive_of_turns(file, [2.0 * np.pi])
+    commands = np.array(run.applied)
+    commands[commands == 0.0] = 1e-9
     with refused("marks.stood-too-short", AnswerNo):
-        closure(replace(run, applied=moved), file)
+        closure(replace(run, applied=commands), file)
 
 
 def test_one_mark_or_no_gyro_tells_nothing(file):
-    run = driven(file, [2.0 * np.pi])
+    run = drive_of_turns(file, [2.0 * np.pi])
     with refused("marks.too-few", AnswerNo, marks=1):
         closure(replace(run, events=run.events[:1]), file)
     with refused("marks.no-gyro", AnswerNo):
@@ -113,7 +113,7 @@ def test_one_mark_or_no_gyro_tells_nothing(file):
 
 
 def test_an_eight_is_refused_with_and_without_a_mark_at_its_crossing(file):
-    run = driven(file, [2.0 * np.pi, 0.0], ahead=0.45)
+    run = drive_of_turns(file, [2.0 * np.pi, 0.0], ahead=0.45)
     first, middle, last = (e for e in run.events if e.source == "mark")
     for events in ((first, middle, last), (first, last)):
         with refused("marks.no-turn", AnswerNo):
@@ -127,7 +127,7 @@ def test_the_scale_of_the_wheels_takes_a_length_and_no_closure_tells_it(tmp_path
     path.write_text(text, encoding="utf-8")
     file = vehicle_file.load(path)
     truth = override(file, ("sensors.wheels.radius_scale=[1.05,1.05]",))
-    run = driven(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
+    run = drive_of_turns(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
     assert set(closure(run, file).values) == {"sensors.imu.gyro_scale", "sensors.imu.gyro_scale_std"}
     inside = (run.truth.t_ns >= marks_of(run)[0]) & (run.truth.t_ns <= marks_of(run)[1])
     length_m = float(np.sum(run.truth.nu[inside, 0]) / file.rate_hz)

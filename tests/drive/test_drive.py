@@ -178,15 +178,15 @@ def test_es12_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path)
 
 
 def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
-    kept = repeat(FILE, ROUTE, laps=1, seed=9)
-    written = repeat(FILE, ROUTE, laps=1, seed=9, path=tmp_path / "run.mcap")
-    assert kept.metadata.items() <= written.metadata.items()
+    in_memory = repeat(FILE, ROUTE, laps=1, seed=9)
+    from_file = repeat(FILE, ROUTE, laps=1, seed=9, path=tmp_path / "run.mcap")
+    assert in_memory.metadata.items() <= from_file.metadata.items()
     for name in ("applied", "requested", "sent", "t_ns"):
-        assert np.array_equal(getattr(kept, name), getattr(written, name))
+        assert np.array_equal(getattr(in_memory, name), getattr(from_file, name))
     for name in ("estimate", "reference", "truth"):
-        assert same_log(getattr(kept, name), getattr(written, name))
-    assert same_log(kept.sensors["imu"], written.sensors["imu"])
-    assert written.vehicle_text == "# small\n"
+        assert same_log(getattr(in_memory, name), getattr(from_file, name))
+    assert same_log(in_memory.sensors["imu"], from_file.sensors["imu"])
+    assert from_file.vehicle_text == "# small\n"
 
 
 def test_replay_through_other_blocks_keeps_what_the_motors_got():
@@ -241,9 +241,9 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
 def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     imu = run.sensors["imu"]
-    stamped = replace(run, sensors={"imu": imu._replace(t_ns=imu.t_ns - 3_000_000)})
+    stamped_run = replace(run, sensors={"imu": imu._replace(t_ns=imu.t_ns - 3_000_000)})
     for path in (None, tmp_path / "run.mcap"):
-        assert same_log(replay(stamped, FILE, path=path).sensors["imu"], stamped.sensors["imu"])
+        assert same_log(replay(stamped_run, FILE, path=path).sensors["imu"], stamped_run.sensors["imu"])
 
 
 def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():

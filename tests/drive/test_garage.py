@@ -15,9 +15,9 @@ from baqueano.vehicle_file import load
 @pytest.mark.parametrize(("name", "radius_m", "speed_m_s"), [("small", 0.5, 0.25), ("car", 1.5, 1.0)])
 def test_a_circle_is_taught_and_repeated_and_replayed(name, radius_m, speed_m_s):
     file = load(name)
-    taught = teach(file, circle(radius_m, speed_m_s), seed=1)
-    assert stop_of(taught.run) is None
-    run = repeat(file, taught.route, seed=2)
+    lesson = teach(file, circle(radius_m, speed_m_s), seed=1)
+    assert stop_of(lesson.run) is None
+    run = repeat(file, lesson.route, seed=2)
     assert stop_of(run) is None
     assert run.reference.done[-1] == 1.0
     assert (

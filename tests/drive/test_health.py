@@ -69,11 +69,13 @@ def test_no_signal_makes_a_sound_vehicle_of_the_garage_look_worn(name, signal):
     assert [e for e in run.events if e.source in (SOURCE, SENSORS_SOURCE)] == []
 
 
-@pytest.mark.parametrize(("signal", "grown"), [("prbs", 1.1), ("random_steps", 1.3)])
-def test_friction_that_grew_is_noticed_on_an_even_floor(signal, grown):
+@pytest.mark.parametrize(("signal", "growth"), [("prbs", 1.1), ("random_steps", 1.3)])
+def test_friction_that_grew_is_noticed_on_an_even_floor(signal, growth):
     file = load("case-study-1")
-    worn = file.with_values({"model.friction.linear": (grown * file.vehicle.friction.linear).tolist()})
-    run = experiment(file, excitation(signal, file.command.limit, 20.0, file.rate_hz, 0), truth=worn, seed=3)
+    worn_file = file.with_values({"model.friction.linear": (growth * file.vehicle.friction.linear).tolist()})
+    run = experiment(
+        file, excitation(signal, file.command.limit, 20.0, file.rate_hz, 0), truth=worn_file, seed=3
+    )
     (event,) = [e for e in run.events if e.source == SOURCE]
     assert event.level == "warning"
 
@@ -96,20 +98,20 @@ def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
 
 
 def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
-    shown = []
+    degraded = []
 
     class Watcher(Observer):
         def look(self, record):
-            shown.append(record.degraded)
+            degraded.append(record.degraded)
 
     wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.1})
     u = np.tile([0.4, 0.0, 0.4], (500, 1))
     run = experiment(small, u, truth=wrong_file, seed=3, observers=[Watcher()])
     worse = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
-    (finding,) = shown[-1]
+    (finding,) = degraded[-1]
     assert finding.diagnostic == worse.diagnostic
     assert finding.name == "imu[2]"
-    assert [bool(count) for count in shown] == [t >= worse.t_ns for t in run.t_ns]
+    assert [bool(count) for count in degraded] == [t >= worse.t_ns for t in run.t_ns]
 
 
 def test_the_run_holds_how_often_each_number_was_refused(small):

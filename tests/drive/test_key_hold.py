@@ -79,17 +79,17 @@ def test_two_quick_taps_are_not_a_delay():
 @pytest.mark.parametrize("rate_hz", [20.0, 33.0])
 def test_a_hold_over_a_wi_fi_does_not_break_off(delay_s, rate_hz):
     dice = np.random.default_rng(7)
-    broken = 0
+    breaks = 0
     for _ in range(100):
         keys = KeyHold(REPEATS)
-        sent = [0.0, *np.arange(delay_s, 2.0, 1.0 / rate_hz)]
-        arrivals = np.maximum.accumulate(np.array(sent) + dice.exponential(0.015, len(sent)))
-        ended = False
+        sends_s = [0.0, *np.arange(delay_s, 2.0, 1.0 / rate_hz)]
+        arrivals = np.maximum.accumulate(np.array(sends_s) + dice.exponential(0.015, len(sends_s)))
+        at_end = False
         for before, after in pairwise(arrivals):
             press(keys, "w", before)
-            ended = ended or keys.direction(after - 1e-6) == (0.0, 0.0)
-        broken += ended
-    assert broken <= 2
+            at_end = at_end or keys.direction(after - 1e-6) == (0.0, 0.0)
+        breaks += at_end
+    assert breaks <= 2
 
 
 def test_a_key_that_was_held_goes_on_with_a_newer_one_and_ends_with_it():

@@ -22,7 +22,7 @@ class Slow:
 """
 
 
-def sent(mission, tmp_path):
+def send(mission, tmp_path):
     """What arrives on the other side: the mission and its vehicle file."""
     received = Mission.of_json(mission.json())
     tmp_path.mkdir(exist_ok=True)
@@ -32,7 +32,7 @@ def sent(mission, tmp_path):
 def test_an_experiment_sent_as_text_is_the_same_experiment(tmp_path):
     file = vehicle_file.load("small")
     u = np.random.default_rng(0).uniform(-1, 1, (50, 3)) * [1, 0, 1]
-    mission, file_received = sent(packed(Mission("experiment", u=u), file), tmp_path)
+    mission, file_received = send(packed(Mission("experiment", u=u), file), tmp_path)
     np.testing.assert_array_equal(
         perform(mission, file_received).estimate.eta, experiment(file, u).estimate.eta
     )
@@ -41,7 +41,7 @@ def test_an_experiment_sent_as_text_is_the_same_experiment(tmp_path):
 def test_a_repetition_sent_as_text_is_the_same_repetition(tmp_path):
     file = vehicle_file.load("small")
     route = shapes.circle(0.3, 0.4)
-    mission, file_received = sent(packed(Mission("repeat", route=route, laps=1), file), tmp_path)
+    mission, file_received = send(packed(Mission("repeat", route=route, laps=1), file), tmp_path)
     np.testing.assert_array_equal(
         perform(mission, file_received).estimate.eta, repeat(file, route, laps=1).estimate.eta
     )
@@ -55,7 +55,7 @@ def test_blocks_of_the_user_travel_with_it_and_do_not_need_their_old_place(tmp_p
         vehicle_file.load("small"),
     )
     (tmp_path / "slow.py").unlink()
-    received, file_received = sent(mission, tmp_path / "robot")
+    received, file_received = send(mission, tmp_path / "robot")
     run = perform(received, file_received, backend="numpy")
     assert np.all(run.requested[:, 0] == 0.5)
 

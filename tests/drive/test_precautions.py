@@ -97,7 +97,7 @@ def doubtful(off):
     return (Finding("imu[2]", 0, 3.0, AWAY, off, 1.0, 0.0, 1.0),)
 
 
-def watched(caution, rows):
+def watch_rows(caution, rows):
     """Pace and stop after each (time, finding)."""
     out = []
     for t_s, degraded in rows:
@@ -107,7 +107,7 @@ def watched(caution, rows):
     return out
 
 
-def begun(*arguments):
+def begin(*arguments):
     caution = Caution(*arguments)
     caution.begin(Blocks(None, Idle(9.0), None, None))
     return caution
@@ -115,8 +115,8 @@ def begun(*arguments):
 
 def test_a_sensor_that_is_off_slows_stops_and_is_named():
     times = np.arange(0.0, WAIT_S + STAND_S + 0.2, 0.1)
-    caution = begun()
-    rows = watched(caution, [(t, doubtful(SENSOR)) for t in times])
+    caution = begin()
+    rows = watch_rows(caution, [(t, doubtful(SENSOR)) for t in times])
     paces = [pace for pace, _ in rows]
     assert paces[:29] == [SLOW] * 29
     assert paces[31:] == [0.0] * len(paces[31:])
@@ -129,13 +129,13 @@ def test_a_sensor_that_is_off_slows_stops_and_is_named():
 
 def test_what_may_be_the_model_only_slows_and_a_worn_model_does_not():
     for off, pace in ((UNKNOWN, SLOW), (MODEL, 1.0)):
-        rows = watched(begun(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
+        rows = watch_rows(begin(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
         assert rows == [(pace, None)] * 18
 
 
 def test_a_doubt_that_ends_ends_the_slowness():
-    caution = begun()
-    rows = watched(
+    caution = begin()
+    rows = watch_rows(
         caution, [(0.0, doubtful(SENSOR)), (2.0, ()), (3.0, doubtful(SENSOR)), (5.5, doubtful(SENSOR))]
     )
     assert [pace for pace, _ in rows] == [SLOW, 1.0, SLOW, SLOW]
@@ -147,7 +147,7 @@ def test_a_doubt_that_ends_ends_the_slowness():
 
 
 def test_an_uncertain_position_is_a_doubt():
-    caution, cov = begun(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    caution, cov = begin(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
     for t_s in (0.0, WAIT_S):
         caution.look(record(t_s, cov=cov))
     assert caution._guide.pace == 0.0
@@ -155,7 +155,7 @@ def test_an_uncertain_position_is_a_doubt():
 
 
 def test_without_caution_nothing_is_doubtful():
-    assert watched(begun(0.5, False), [(t, doubtful(SENSOR)) for t in (0.0, 9.0)]) == [(1.0, None)] * 2
+    assert watch_rows(begin(0.5, False), [(t, doubtful(SENSOR)) for t in (0.0, 9.0)]) == [(1.0, None)] * 2
 
 
 def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
@@ -181,10 +181,10 @@ def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
 def test_the_region_of_the_place_stops_before_the_wall():
     room, origin = PlainRoom((1.0, 2.0), (0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
     std = 0.1
-    for y, stopped in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
+    for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
         watch = RoomWatch(room, origin)  # the map's y is the room's −x
         watch.look(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
-        assert (watch.why(0) is not None) == stopped
+        assert (watch.why(0) is not None) == stops
     assert watch.why(0).figures["axis"] == "x"
     room_watch = RoomWatch(room, origin)
     room_watch.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))

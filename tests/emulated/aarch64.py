@@ -60,8 +60,8 @@ def make() -> None:
     if not PACKAGES.exists():
         bundle(WHEELS, TargetMachine((3, 11), "aarch64", "pilot"), print)
         for wheel in WHEELS.glob("*.whl"):
-            with zipfile.ZipFile(wheel) as packed:
-                packed.extractall(PACKAGES)
+            with zipfile.ZipFile(wheel) as archive:
+                archive.extractall(PACKAGES)
 
 
 if __name__ == "__main__":

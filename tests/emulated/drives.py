@@ -18,7 +18,7 @@ from tests.emulated.robot import EmulatedRobot
 TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
 
 
-def served(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
+def serve(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
     """A service on this robot that has had a look at everything; its messages are in `messages`."""
     messages: list[dict[str, Any]] = []
     service: Any = Service(
@@ -26,11 +26,11 @@ def served(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
         now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
     service.messages = messages
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     return service
 
 
-def looked(service: Any, robot: EmulatedRobot, times: int) -> None:
+def look_around(service: Any, robot: EmulatedRobot, times: int) -> None:
     """Lets it look, as it does while idle."""
     for _ in range(times):
         service.idle()

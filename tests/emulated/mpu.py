@@ -350,7 +350,7 @@ class EmulatedBus:
         if self.sda_low:
             self._spend(self.timeout_ns)
             raise OSError(errno.ETIMEDOUT, "Connection timed out")
-        sent = sum(1 + (int(data) if reads else len(data)) for reads, data in messages)  # type: ignore[arg-type]
+        bytes_sent = sum(1 + (int(data) if reads else len(data)) for reads, data in messages)  # type: ignore[arg-type]
         fault = self.faults.popleft() if self.faults else 0
         if fault:
             self._spend(self.timeout_ns if fault == errno.ETIMEDOUT else int(9e9 / self.bus_hz))
@@ -363,7 +363,7 @@ class EmulatedBus:
             self.devices[address].transfer([*messages[:-1], reads])
             raise OSError(errno.EIO, "injected in the middle")
         answers = self.devices[address].transfer(messages)
-        self._spend(int(9e9 * sent / self.bus_hz))
+        self._spend(int(9e9 * bytes_sent / self.bus_hz))
         return answers
 
     def control(self, request: int, value: int) -> None:

@@ -71,7 +71,7 @@ def vehicle_of(port: str, folder: Path) -> Any:
 
 @contextmanager
 def running(
-    built: Built,
+    build: Built,
     folder: Path,
     python: Sequence[str] = (sys.executable,),
     environment: dict[str, str] | None = None,
@@ -84,7 +84,7 @@ def running(
     try:
         if machine is not None and unheard:
             machine.order("fail", errno.EREMOTEIO, unheard)
-        with on_pty(built) as live:
+        with on_pty(build) as live:
             file = vehicle_of(live.path, folder)
             devices = (
                 {} if machine is None else {k: machine.environment[k] for k in ("UMOCKDEV_DIR", "LD_PRELOAD")}
@@ -105,7 +105,7 @@ def _spawned(
     listener.bind(str(notify))
     listener.settimeout(0.2)
     with (folder / "said.txt").open("wb") as out, listener:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         process = subprocess.Popen(
             [*python, "-m", "baqueano", "robot", "run", "--vehicle", str(file.path), "--door", str(door),
              "--runs", str(folder / "there")],
@@ -116,10 +116,10 @@ def _spawned(
         try:
             while "READY=1" not in service.notifications:
                 assert process.poll() is None, (folder / "said.txt").read_text()
-                assert time.monotonic() < begun + PATIENCE_S, (folder / "said.txt").read_text()
+                assert time.monotonic() < start_s + PATIENCE_S, (folder / "said.txt").read_text()
                 with suppress(TimeoutError):
                     service.notifications.append(listener.recv(4096).decode())
-            service.start_s, service.cpu_s = time.monotonic() - begun, service.used_s()
+            service.start_s, service.cpu_s = time.monotonic() - start_s, service.used_s()
             done = threading.Event()
             hearing = threading.Thread(
                 target=_hear, args=(listener, service.notifications, done), daemon=True

@@ -109,7 +109,7 @@ def connect(patches, devices):
     def of(fd):
         return by_file.get(os.fstat(fd).st_ino)
 
-    def read(fd, size):
+    def read_kernel(fd, size):
         device = of(fd)
         return real_read(fd, size) if device is None else device.read(size)
 
@@ -121,5 +121,5 @@ def connect(patches, devices):
         arg[: len(answer)] = answer
         return len(answer)
 
-    patches.setattr(os, "read", read)
+    patches.setattr(os, "read", read_kernel)
     patches.setattr(fcntl, "ioctl", ioctl)

@@ -33,9 +33,9 @@ def new(bits: list[int], scl_held: bool = False) -> dict:
 
 def levels(lines: dict) -> tuple[int, int]:
     """SDA and SCL: high where nobody pulls."""
-    pulled = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
+    low_sides = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
     chip = [bool(lines["bits"]) and not lines["bits"][0], lines["scl_held"]]
-    return int(not (pulled[0] or chip[0])), int(not (pulled[1] or chip[1]))
+    return int(not (low_sides[0] or chip[0])), int(not (low_sides[1] or chip[1]))
 
 
 def change(lines: dict, pin: str, key: str, value: object) -> None:
@@ -84,7 +84,7 @@ def main(lines: dict, words: list[str]) -> int:
             print(f'Unknown argument "{option}"')
             return 1
     for n in numbers:
-        put(lines, str(n), options)
+        put_pin(lines, str(n), options)
     return 0
 
 
@@ -99,7 +99,7 @@ def tell(lines: dict, n: int) -> None:
     )
 
 
-def put(lines: dict, pin: str, options: list[str]) -> None:
+def put_pin(lines: dict, pin: str, options: list[str]) -> None:
     """Function, then level, as do_gpio_set does it; pulls are weaker than a chip and count for nothing here."""
     for option in options:
         if option in FUNCTIONS:
@@ -156,11 +156,11 @@ def on_path(folder: Path, patches, bits: list[int], scl_held: bool = False) -> L
 
 
 if __name__ == "__main__":
-    kept = Lines.__new__(Lines)
-    kept.path = Path(os.environ["PINCTRL_LINES"])
-    state = kept.read()
+    pin_file = Lines.__new__(Lines)
+    pin_file.path = Path(os.environ["PINCTRL_LINES"])
+    state = pin_file.read()
     state["calls"].append(sys.argv[1:])
-    kept.write(state)
+    pin_file.write(state)
     code = main(state, sys.argv[1:])
-    kept.write(state)
+    pin_file.write(state)
     sys.exit(code)

@@ -48,11 +48,11 @@ class EmulatedRobot:
     clock of the host is ahead of true time, by which the Uno lives."""
 
     def __init__(
-        self, built: Built, truth: Any, seed: int = 0, patches: Any = None, *, chip: Any = None,
+        self, build: Built, truth: Any, seed: int = 0, patches: Any = None, *, chip: Any = None,
         host_ppm: float = 0.0, **uno: Any,
     ) -> None:  # fmt: skip
         self._true_s_per_ns = 1e-9 / (1.0 + 1e-6 * host_ppm)
-        self.board = EmulatedUno(built, battery_v=truth.vehicle.drivetrain.battery_v, **uno)
+        self.board = EmulatedUno(build, battery_v=truth.vehicle.drivetrain.battery_v, **uno)
         self.now_ns = MS * round(1e3 * self.board.t_s + 1)
         quick = override(truth, ("rate_hz=1000",))
         self.uno = Uno(self, self._time)
@@ -176,8 +176,8 @@ class EmulatedWorld(Robot):
 
 
 def world_of(
-    built: Built, file: Any, truth: Any = None, seed: int = 0
+    build: Built, file: Any, truth: Any = None, seed: int = 0
 ) -> tuple[EmulatedWorld, Iterator[int]]:
     """World and clock for `drive`, of the vehicle `truth`."""
-    world = EmulatedWorld(EmulatedRobot(built, file if truth is None else truth, seed), file)
+    world = EmulatedWorld(EmulatedRobot(build, file if truth is None else truth, seed), file)
     return world, world.ticks(file.rate_hz)

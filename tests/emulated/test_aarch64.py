@@ -22,7 +22,7 @@ ATTEMPTS = 4
 
 
 @pytest.fixture(autouse=True)
-def _made(request):
+def _aarch64(request):
     if lacking := aarch64.missing():
         pytest.skip(f"{request.node.name}: {lacking}")
 

@@ -15,7 +15,7 @@ from baqueano.drive import stop_of
 from baqueano.drive.recording import HARDWARE_SOURCE
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
-from tests.emulated.drives import drive, during, looked, spin
+from tests.emulated.drives import drive, during, look_around, spin
 from tests.emulated.pinctrl import on_path
 
 
@@ -41,7 +41,7 @@ def recoveries():
 def looked_on(service, robot, seconds):
     """As the service looks while idle; a recovery takes no time of the vehicle's."""
     for _ in range(round(seconds / 0.05)):
-        looked(service, robot, 1)
+        look_around(service, robot, 1)
         for thread in recoveries():
             thread.join()
 
@@ -61,8 +61,8 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
         hold(robot, pins)
 
     during(service, robot, 0.5, hangs)
-    watched = service.healthy
-    service.healthy = lambda: (watched(), early.extend(pins.read()["calls"]))
+    healthy = service.healthy
+    service.healthy = lambda: (healthy(), early.extend(pins.read()["calls"]))
     done, run = drive(service, spin(3.0))
     service.healthy = lambda: None
     assert done["why"].code == StopReason.SENSOR_SILENT

@@ -40,21 +40,19 @@ def test_axes_and_biases_are_found_on_a_floor_that_slopes(robot):
     hand = Hand(
         robot, axes, slope=(0.02, -0.03), accel_bias=axes.T @ [0.11, -0.07, 0.2], gyro_bias=axes.T @ [0.01, 0.02, 0.03]
     )  # fmt: skip
-    mounted = calibration(robot, follows(hand))
-    assert mounted.axes == ON_EDGE.axes
-    assert mounted.slope_rad == pytest.approx(np.hypot(0.02, 0.03), abs=0.001)
-    assert mounted.turn_rad == pytest.approx(np.pi, abs=0.02)
-    assert mounted.lift_rad == pytest.approx(0.3, abs=0.03)
-    np.testing.assert_allclose(mounted.accel, [0.11, -0.07], atol=0.01)
-    assert mounted.gyro == pytest.approx(0.03, abs=5e-4)
+    mount = calibration(robot, follows(hand))
+    assert mount.axes == ON_EDGE.axes
+    assert mount.slope_rad == pytest.approx(np.hypot(0.02, 0.03), abs=0.001)
+    assert mount.turn_rad == pytest.approx(np.pi, abs=0.02)
+    assert mount.lift_rad == pytest.approx(0.3, abs=0.03)
+    np.testing.assert_allclose(mount.accel, [0.11, -0.07], atol=0.01)
+    assert mount.gyro == pytest.approx(0.03, abs=5e-4)
 
 
 def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
     file = vehicle_file.load("small")
-    mounted = calibration(
-        robot, follows(Hand(robot, gyro_bias=(0.0, 0.0, -0.02), accel_bias=(0.3, 0.1, 0.0)))
-    )
-    values = mounted.values(file)
+    mount = calibration(robot, follows(Hand(robot, gyro_bias=(0.0, 0.0, -0.02), accel_bias=(0.3, 0.1, 0.0))))
+    values = mount.values(file)
     assert values["robot.imu_axes"] == ["x", "y", "z"]
     imu = file.with_values(values).sensors.imu
     np.testing.assert_allclose(
@@ -81,9 +79,9 @@ def test_a_vehicle_that_is_carried_about_is_not_at_rest(robot):
 
 
 def test_an_imu_without_samples_is_reported(robot):
-    watched = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
+    reader = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
     with pytest.raises(AnswerNo, match=r"gave no sample in 1 s.*doctor"):
-        watched.samples(1.0)
+        reader.samples(1.0)
 
 
 def test_a_chip_that_lies_oblique_has_no_axis_that_points_up():

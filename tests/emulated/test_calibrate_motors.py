@@ -61,9 +61,9 @@ def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afte
     assert motors.verdict == "STRAIGHT"
     assert max(map(abs, motors.left_over)) < 0.02
     assert max(map(abs, motors.held_deg)) < 2.0
-    kept = robot.uno.settings(robot.wait)
-    assert kept == motors.settings
-    assert kept.battery_permille == 3127
+    settings = robot.uno.settings(robot.wait)
+    assert settings == motors.settings
+    assert settings.battery_permille == 3127
     robot.wait(0.5)
     assert not robot.board.moving
     before, x, y = robot.motion.eta[2], robot.motion.eta[0], robot.motion.eta[1]
@@ -180,13 +180,13 @@ def test_an_uno_whose_cable_is_out_is_reported_as_half_calibrated_with_the_line_
     robot.uno.keep(MINE, robot.wait)
     texts, line = [], (robot.write, robot.read)
 
-    def pulled(data=b""):
+    def unplug(data=b""):
         raise OSError(5, "Input/output error")
 
     def say(text):
         texts.append(text)
         if text.startswith("which motor"):
-            robot.write = robot.read = pulled
+            robot.write = robot.read = unplug
 
     with pytest.raises(SafetyStop, match="the Uno does not answer: is its cable plugged in"):
         calibrate(bench, say)

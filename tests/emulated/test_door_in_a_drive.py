@@ -13,7 +13,7 @@ from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.robot.service.service import HANGING_S, PREPARING_S
-from tests.emulated.drives import drive, during, looked, spin
+from tests.emulated.drives import drive, during, look_around, spin
 
 PATIENCE_S = 60.0  # until what does not come counts as hung
 
@@ -55,7 +55,7 @@ def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_movin
     (tmp_path / "slow.py").write_text(
         "from baqueano.controllers import PdFeedforward\n\nsomebody_stops_it()  # a library that loads for long\n"
     )
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     mission = Mission(
         "repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"}
     )
@@ -65,7 +65,7 @@ def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_movin
     assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert run is None or not np.any(run.applied)
     assert not robot.board.moving
-    looked(service, robot, 2)
+    look_around(service, robot, 2)
     assert service.machine.state is DoorState.STOPPED
     assert service.machine.why == done["why"]
 

@@ -89,18 +89,18 @@ def driver(firmware, monkeypatch, tmp_path):
 def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched, phase_ms):
     terminal = Terminal(kitty=not latched, trip_s=0.03)
     at = driver(terminal, latched=latched)
-    gone = []
+    gone_ns = []
 
     def leave():
         terminal.there = False
-        gone.append(at.robot.now_ns)
+        gone_ns.append(at.robot.now_ns)
 
     keys = ["d"] * 12 if latched else ["d"]
     done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
     assert done["why"].code == StopReason.TERMINAL_SILENT
     assert at.service.machine.state is DoorState.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
-    after_ms = (moving - gone[0]) * 1e-6
+    after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the terminal")
     assert 200.0 < after_ms < 500.0
     assert not at.robot.board.moving
@@ -110,17 +110,17 @@ def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, la
 def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
     terminal = Terminal(kitty=True)
     at = driver(terminal)
-    gone = []
+    gone_ns = []
 
     def hang_up():
         terminal.ended = True
-        gone.append(at.robot.now_ns)
+        gone_ns.append(at.robot.now_ns)
 
     done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
     assert done["why"].code == StopReason.TERMINAL_CLOSED
     assert at.service.machine.state is DoorState.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
-    after_ms = (moving - gone[0]) * 1e-6
+    after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the hang-up")
     assert after_ms < 100.0
     assert not at.robot.board.moving

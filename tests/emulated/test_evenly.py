@@ -30,8 +30,8 @@ def test_the_emulated_robot_keeps_its_speed_without_a_stutter(firmware, fitted_f
     world.robot.close()
     going = run.reference.done < 1.0
     true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
-    kept = pace(run.reference.t_ns[going], true, run.reference.nu[going, 0])
-    assert kept.error < 0.05
-    assert kept.uneven < 0.03
+    evenness = pace(run.reference.t_ns[going], true, run.reference.nu[going, 0])
+    assert evenness.error < 0.05
+    assert evenness.uneven < 0.03
     assert share_at_limit(run.sent[going], limits_of(fitted_file.text)) == 0.0
     assert sign_changes(run.t_ns[going], run.sent[going, 0]) == 0.0

@@ -76,12 +76,12 @@ def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_pat
     """What `calibrate imu` writes is what the driver takes."""
     bus = OnBus(tmp_path, monkeypatch)
     bus.chip.motion = lambda t_ns: ((0.0, -1.0, 9.8), (0.0, 0.0, 0.3))
-    turned = imu.open(
+    turned_imu = imu.open(
         str(tmp_path / "i2c-1"), settings=ImuSettings(axes=("-y", "x", "z")), say=None,
         now_ns=lambda: bus.now_ns, sleep=bus.wait,
     )  # fmt: skip
     bus.wait(0.1)
-    sample = turned.read()[-1]
+    sample = turned_imu.read()[-1]
     assert sample.accel[0] == pytest.approx(1.0, abs=0.2)
     assert sample.gyro[2] == pytest.approx(0.3, abs=0.05)
 

@@ -29,9 +29,9 @@ def first_state(path: str, seconds: float) -> State | None:
     try:
         while time.monotonic() < end:
             if select.select([port], [], [], 0.1)[0]:
-                for received in decoder.feed(os.read(port, 4096)):
-                    if isinstance(received.frame, State):
-                        return received.frame
+                for frame_received in decoder.feed(os.read(port, 4096)):
+                    if isinstance(frame_received.frame, State):
+                        return frame_received.frame
     finally:
         os.close(port)
     return None

@@ -27,17 +27,17 @@ TICKS_MS = 20.0  # a stop waits for the next tick, and its command for the line
 def moving(service):
     """Somebody at the door of a vehicle that moves; it begins again where the machine stalls before."""
     experiment = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
-    mission, begun = packed(experiment, service.file).json(), False
+    mission, under_way = packed(experiment, service.file).json(), False
     for _ in range(5):
         with reached(str(service.door)) as remote:
             ready(remote)
             remote.say(do="mission", door=VERSION, mission=mission, attended=False)
-            begun = until(service.live.moving, PATIENCE_S / 4.0)
-            if begun:
+            under_way = until(service.live.moving, PATIENCE_S / 4.0)
+            if under_way:
                 yield remote
                 return
             remote.say(do="stop", why="it does not move")
-    assert begun
+    assert under_way
 
 
 def off_ms(remote, live):

@@ -153,14 +153,14 @@ class Client:
 
 @pytest.fixture
 def machine():
-    made: list[Machine] = []
+    machines: list[Machine] = []
 
     def make(**chip) -> Machine:
-        made.append(Machine(**chip))
-        return made[-1]
+        machines.append(Machine(**chip))
+        return machines[-1]
 
     yield make
-    for device in made:
+    for device in machines:
         device.close()
 
 
@@ -170,14 +170,14 @@ def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_fi
     assert client.wait_for("open")["chip"] == "ICM-20689"
     client.wait_for("samples", 500)
     result = client.stop()
-    taken = np.array(m.order("taken"))
+    sample_times = np.array(m.order("taken"))
     times = np.array(result["t"])
     assert result["rate"] == pytest.approx(192.0, abs=result["rate_error"] + 0.01)
     assert np.all(np.diff(times) > 0)
     if result["restarts"] == 0 and "imu.overflow" not in client.events:
-        span = taken[(taken > times[0] - 6e6) & (taken < times[-1] + 6e6)]
+        span = sample_times[(sample_times > times[0] - 6e6) & (sample_times < times[-1] + 6e6)]
         assert abs(len(span) - len(times)) <= 3
-    error = np.min(np.abs(taken[None, :] - times[200:, None]), axis=1)
+    error = np.min(np.abs(sample_times[None, :] - times[200:, None]), axis=1)
     assert np.median(error) < 0.8e6, (
         "ns, where chance would give 1.3: both sides have the clock of this machine"
     )

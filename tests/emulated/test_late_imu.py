@@ -17,7 +17,7 @@ from baqueano.messages import text
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.service.service import AGAIN_S, FINDING_S, HANGING_S, Service
-from tests.emulated.drives import drive, looked, spin
+from tests.emulated.drives import drive, look_around, spin
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def service(robot, open_imu, tmp_path):
 
 def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by_hand(service, robot):
     chip = robot.bus.devices.pop(0x68)
-    looked(service, robot, 300)
+    look_around(service, robot, 300)
     assert service.machine.state is DoorState.DISARMED
     assert service.machine.why.code == StopReason.IMU_ABSENT
     assert text(service.machine.why).startswith("no IMU: No IMU answers at 0x68")
@@ -58,10 +58,10 @@ def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_n
 
 def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, robot):
     chip = robot.bus.devices.pop(0x68)
-    looked(service, robot, 20)
+    look_around(service, robot, 20)
     assert service.machine.state is DoorState.DISARMED
     robot.bus.devices[0x68] = chip
-    looked(service, robot, round((AGAIN_S + 1.0) * 20))
+    look_around(service, robot, round((AGAIN_S + 1.0) * 20))
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
     assert service.texts[1:] == ["the IMU answers now"]
     assert service.texts == [text(m["said"]) for m in service.messages if m["is"] == "event"]
@@ -82,5 +82,5 @@ def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service,
 
 def test_a_vehicle_whose_file_has_no_imu_is_ready_without(service, robot):
     service.find_imu = None
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     assert service.machine.state is DoorState.READY

@@ -52,14 +52,14 @@ class Machine:
 
 @pytest.fixture
 def machine():
-    made = []
+    machines = []
 
     def make(*names):
-        made.append(Machine(*names))
-        return made[-1]
+        machines.append(Machine(*names))
+        return machines[-1]
 
     yield make
-    for pad_machine in made:
+    for pad_machine in machines:
         pad_machine.close()
 
 

@@ -111,15 +111,15 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
 def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
     me = object()
     service.operator.hold(me)
-    begun = []
+    starts_ns = []
 
     def healthy():
         if service.machine.state is DoorState.MANUAL:
-            begun.append(robot.now_ns)
-            if robot.now_ns - begun[0] < 0.6e9:
+            starts_ns.append(robot.now_ns)
+            if robot.now_ns - starts_ns[0] < 0.6e9:
                 service.operator.want(me, [0.0, 0.0, 0.5])
             service.operator.sign_of_life(me)
-            if robot.now_ns - begun[0] > 1.5e9:
+            if robot.now_ns - starts_ns[0] > 1.5e9:
                 service.operator.end(me)
 
     service.healthy = healthy

@@ -76,8 +76,8 @@ def test_r17_fw5_a_repeated_command_is_ignored_and_does_not_feed_the_dead_man(un
     assert uno.info().old_sequence >= 30
 
 
-@pytest.mark.parametrize(("step", "taken"), [(1, True), (127, True), (128, False), (255, False), (0, False)])
-def test_r17_newer_is_one_to_127_ahead(uno, step, taken):
+@pytest.mark.parametrize(("step", "obeyed"), [(1, True), (127, True), (128, False), (255, False), (0, False)])
+def test_r17_newer_is_one_to_127_ahead(uno, step, obeyed):
     for start in (0, 100, 200, 255):
         uno.arm()
         uno.seq = uno.state().drive_seq
@@ -86,7 +86,7 @@ def test_r17_newer_is_one_to_127_ahead(uno, step, taken):
             uno.run_until(uno.drive(0, 0, seq=uno.seq) + 2e-3)
         uno.drive(400, 400, seq=start + step)
         uno.run(0.03)
-        assert uno.moving == taken
+        assert uno.moving == obeyed
         uno.seq = uno.state().drive_seq
         uno.drive(0, 0)
         uno.run(0.05)
@@ -107,17 +107,17 @@ def test_r17_fw5_commands_that_arrive_in_another_order_leave_the_newest(uno):
     assert uno.state().drive_seq == newest & 0xFF
 
 
-@pytest.mark.parametrize("lost", [0, 126, 127, 200, 254, 255, 1000])
-def test_r17_however_many_commands_were_lost_one_of_the_next_129_is_obeyed(uno, lost):
+@pytest.mark.parametrize("count_lost", [0, 126, 127, 200, 254, 255, 1000])
+def test_r17_however_many_commands_were_lost_one_of_the_next_129_is_obeyed(uno, count_lost):
     """The price of eight bits: after a gap of 127 to 255 commands the next ones look old for a while."""
     uno.arm()
-    uno.seq += lost
-    refused = -1
+    uno.seq += count_lost
+    refusals = -1
     while not uno.moving:
         uno.run_until(uno.drive(300, 300) + 2e-3)
-        refused += 1
-        assert refused <= 129
-    assert (refused == 0) == (lost % 256 < 127)
+        refusals += 1
+        assert refusals <= 129
+    assert (refusals == 0) == (count_lost % 256 < 127)
 
 
 def test_r26_fw3_info_tells_who_speaks_and_what_holds(uno):

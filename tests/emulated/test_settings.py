@@ -73,9 +73,9 @@ def test_r15_settings_outlive(uno, new_uno, end_by):
 
 def test_r15_settings_are_answered_only_when_they_read_back(uno):
     """One byte a millisecond at the most, so 35 bytes are not answered within 35 ms."""
-    arrived = uno.send(OURS)
+    sent_s = uno.send(OURS)
     uno.next_frame(Settings, 0.5)
-    assert uno.t_s - arrived >= 0.035
+    assert uno.t_s - sent_s >= 0.035
     assert uno.eeprom()[AT_SETTINGS + 1 : AT_SETTINGS + 33] == frames.pack(OURS)
 
 
@@ -114,8 +114,8 @@ def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
     outcomes = set()
     for cut_ms in range(0, 160, 12):
         second = new_uno(eeprom=before)
-        arrived = second.send(OURS)
-        second.run_until(arrived + cut_ms * 1e-3)
+        sent_s = second.send(OURS)
+        second.run_until(sent_s + cut_ms * 1e-3)
         second.power_cycle()
         second.run(0.02)
         settings = settings_of(second)

@@ -30,14 +30,14 @@ def live(firmware):
 def verb(live, capsys):
     """`verb("--bridge", "tb6612")`: exit code, stdout, stderr."""
 
-    def typed(*words, host=("--vehicle", "small", "--set")):
+    def run_verb(*words, host=("--vehicle", "small", "--set")):
         more = [*host, f"robot.port={live.path}"] if "--set" in host else list(host)
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as exit_info:
             main(["robot", "settings", *more, *words])
         out, err = capsys.readouterr()
-        return ended.value.code, out, err
+        return exit_info.value.code, out, err
 
-    return typed
+    return run_verb
 
 
 def in_eeprom(live):

@@ -84,10 +84,10 @@ def test_r5_rt15_stop_takes_3_ms_at_every_pwm_frequency(uno, pwm_hz):
     uno.send(Config(pwm_hz=pwm_hz, slew_permille_per_ms=1))
     uno.hold(900, -900, 1.0)
     assert uno.moving
-    sent = uno.t_s
+    sent_s = uno.t_s
     uno.send(Stop())
     uno.run(0.003)
-    assert uno.off_since() - sent <= 0.003
+    assert uno.off_since() - sent_s <= 0.003
     assert uno.state().flags & StateFlag.STOPPED
 
 

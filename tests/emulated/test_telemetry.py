@@ -104,12 +104,12 @@ def test_r21_quadrature_counts_every_edge_both_ways(uno, rate):
 def test_r14_encoders_that_are_swapped_or_reversed_are_put_right(uno, wiring, signs):
     settle(uno, encoders=Encoders.QUADRATURE, wiring=wiring)
     zero = counts(uno)
-    turned = (120, 70)
+    counts_turned = (120, 70)
     for plug in range(2):
-        uno.encoder(plug, turned[plug], uno.t_s, uno.t_s + 0.05)
+        uno.encoder(plug, counts_turned[plug], uno.t_s, uno.t_s + 0.05)
     uno.run(0.06)
     now = counts(uno)
-    assert [now[k] - zero[k] for k in range(2)] == [sign * turned[plug] for plug, sign in signs]
+    assert [now[k] - zero[k] for k in range(2)] == [sign * counts_turned[plug] for plug, sign in signs]
 
 
 def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
@@ -229,10 +229,10 @@ def test_r24_pong_tells_the_clock_of_a_resonator_that_is_off(new_uno, ppm):
     clocks = []
     for token in (0xDEADBEEF, 1):
         uno.frames()
-        arrived = uno.send(Ping(token))
+        sent_s = uno.send(Ping(token))
         pong = uno.next_frame(Pong)
         assert pong.token == token
-        clocks.append((arrived, pong.t_us * 1e-6))
+        clocks.append((sent_s, pong.t_us * 1e-6))
         uno.run(2.0)
     (host, mcu), (host2, mcu2) = clocks
     assert (mcu2 - mcu) / (host2 - host) - 1 == pytest.approx(ppm * 1e-6, abs=150e-6)

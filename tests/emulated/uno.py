@@ -89,7 +89,7 @@ class EmulatedUno:
 
     def __init__(
         self,
-        built: Built,
+        build: Built,
         *,
         ppm: float = 0.0,
         battery_v: float = 7.4,
@@ -98,9 +98,9 @@ class EmulatedUno:
         boot_loader: Path | None = None,
         flashed: bool = True,
     ) -> None:
-        self.lib = built.library
-        self.rig = self.lib.rig_new(None if boot_loader else str(built.elf).encode())
-        assert self.rig, f"simavr does not read {built.elf}"
+        self.lib = build.library
+        self.rig = self.lib.rig_new(None if boot_loader else str(build.elf).encode())
+        assert self.rig, f"simavr does not read {build.elf}"
         self.hz = HZ * (1 + ppm * 1e-6)
         self.driver = driver
         self.seq = 0
@@ -114,7 +114,7 @@ class EmulatedUno:
         self.clock_began_s = 0.0
         if boot_loader:
             chunks = [(at, data) for at, data in hex_chunks(boot_loader) if at + len(data) <= FLASH]
-            program = hex_chunks(built.hex) if flashed else ()
+            program = hex_chunks(build.hex) if flashed else ()
             for at, data in (*program, *chunks):
                 self.lib.rig_flash(self.rig, at, data, len(data))
             self.lib.rig_start_at(self.rig, min(at for at, _ in chunks))
@@ -142,8 +142,8 @@ class EmulatedUno:
 
     def run_until(self, t_s: float) -> None:
         """Lets the core work until then; it ends within an instruction of it, never earlier."""
-        ended = self.lib.rig_run_until(self.rig, max(0, math.ceil(t_s * self.hz - 1e-6)))
-        assert not ended, f"the core stopped at {self.t_s:.6f} s, pc 0x{self.lib.rig_pc(self.rig):04x}"
+        end_code = self.lib.rig_run_until(self.rig, max(0, math.ceil(t_s * self.hz - 1e-6)))
+        assert not end_code, f"the core stopped at {self.t_s:.6f} s, pc 0x{self.lib.rig_pc(self.rig):04x}"
 
     def run(self, dt_s: float) -> None:
         self.run_until(self.t_s + dt_s)
@@ -168,10 +168,10 @@ class EmulatedUno:
         out, n = self.lib.rig_out(self.rig), self.lib.rig_outs(self.rig)
         now, frames = self.t_s, []
         while self._read < n:
-            arrived = out[self._read].cycle / self.hz + BYTE_S
-            if arrived > now:
+            arrival_s = out[self._read].cycle / self.hz + BYTE_S
+            if arrival_s > now:
                 return frames
-            frames.append((arrived, out[self._read].byte))
+            frames.append((arrival_s, out[self._read].byte))
             self._read += 1
         self.lib.rig_clear_out(self.rig)
         self._read = 0
@@ -189,9 +189,9 @@ class EmulatedUno:
         """What the firmware said since the last call."""
         new: list[tuple[float, ReceivedFrame]] = []
         for t_s, byte in self.read_stamped():
-            new += [(t_s, received) for received in self.decoder.feed(bytes([byte]))]
+            new += [(t_s, frame_received) for frame_received in self.decoder.feed(bytes([byte]))]
         self.transcript += new
-        return [received.frame for _, received in new]
+        return [frame_received.frame for _, frame_received in new]
 
     def next_frame(self, kind: type, within_s: float = 0.05) -> Frame:
         """Runs until the firmware says a frame of this kind."""

@@ -25,13 +25,13 @@ def watch_start() -> None:
     """Tells at READY=1, and from then on of drives."""
     say = Systemd.say
 
-    def watched(self: Systemd, words: str) -> None:
+    def say_and_watch(self: Systemd, words: str) -> None:
         if words == "READY=1":
             write_line(ready=sys.modules)
             watch_ticks()
         say(self, words)
 
-    Systemd.say = watched
+    Systemd.say = say_and_watch
 
 
 def watch_ticks() -> None:
@@ -40,7 +40,7 @@ def watch_ticks() -> None:
 
     ticks = Service._ticks
 
-    def watched(self: Service, *arguments: Any) -> Iterator[int]:
+    def ticks_and_watch(self: Service, *arguments: Any) -> Iterator[int]:
         first, late = set[str](), set[str]()
         try:
             for t_ns in ticks(self, *arguments):
@@ -51,7 +51,7 @@ def watch_ticks() -> None:
             if first:  # it began
                 write_line(late=late)
 
-    Service._ticks = watched
+    Service._ticks = ticks_and_watch
 
 
 watch_start()

@@ -112,10 +112,10 @@ def test_the_bias_of_the_gyro_is_learned_at_rest_and_only_there():
     assert abs(motion.nu[-1, 2]) < 1e-3
     driving, _ = through(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": off})
     assert float(driving.bias) == 0.0
-    turned, _ = through(
+    turning_state, _ = through(
         blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + off}
     )  # by hand
-    assert float(turned.bias) == 0.0
+    assert float(turning_state.bias) == 0.0
 
 
 def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
@@ -124,9 +124,9 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
     z = {"imu": of_motion(nu, 0.0 * nu), "odometer": 1.02 * nu[:, :1]}
     _, original = through(blended(ODOMETER), np.zeros((n, 3)), z)
     _, moved_estimate = through(blended(ODOMETER), np.zeros((n, 3)), z, start)
-    moved = np.array([compose(start, eta) for eta in original.eta])
-    np.testing.assert_allclose(moved_estimate.eta[:, :2], moved[:, :2], atol=1e-12)
-    np.testing.assert_allclose(wrap(moved_estimate.eta[:, 2] - moved[:, 2]), 0.0, atol=1e-12)
+    moved_poses = np.array([compose(start, eta) for eta in original.eta])
+    np.testing.assert_allclose(moved_estimate.eta[:, :2], moved_poses[:, :2], atol=1e-12)
+    np.testing.assert_allclose(wrap(moved_estimate.eta[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-12)
     assert np.all(np.abs(moved_estimate.eta[:, 2]) <= np.pi)
     assert np.min(moved_estimate.eta[:, 2]) < -3.0
 
@@ -143,8 +143,10 @@ def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():
     z, v = np.zeros((n, ticks, 3)), np.zeros((n, ticks))
     for k in range(ticks):
         z[:, k], v[:, k] = world.tick(np.tile(u[k], (n, 1)), DT), world.truth.nu[:, 0]
-    read = v + 0.05 * rng.standard_normal(v.shape)
-    speeds = [through(block, u, {"imu": z[i], "odometer": read[i][:, None]})[1].nu[:, 0] for i in range(n)]
+    readings = v + 0.05 * rng.standard_normal(v.shape)
+    speeds = [
+        through(block, u, {"imu": z[i], "odometer": readings[i][:, None]})[1].nu[:, 0] for i in range(n)
+    ]
     assert np.sqrt(np.mean((np.array(speeds) - v) ** 2)) < 0.5 * 0.05
 
 

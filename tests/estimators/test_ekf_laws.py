@@ -107,8 +107,8 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate(mode):
     _, original = after(ekf(mode=mode), ticks)
     _, moved_estimate = after(ekf(mode=mode), ticks, ekf(mode=mode).init(eta=start))
     np.testing.assert_allclose(moved_estimate.nu, original.nu, atol=1e-12)
-    moved = compose(start, original.eta)
-    np.testing.assert_allclose(wrap(moved_estimate.eta - moved), 0.0, atol=1e-12)
+    moved_pose = compose(start, original.eta)
+    np.testing.assert_allclose(wrap(moved_estimate.eta - moved_pose), 0.0, atol=1e-12)
     J = np.eye(6)
     J[:3, :3] = map_from_body(start[2])
     # the standard deviation at the start is a circle, so the turned covariance is the covariance turned

@@ -43,7 +43,7 @@ def tick(name, t_ms, z=None, u=None):
     )
 
 
-def driven(name, times, belief=None, backend="c"):
+def drive_ekf(name, times, belief=None, backend="c"):
     belief = ekf(name).init() if belief is None else belief
     for t_ms in times:
         belief, _ = ekf(name, backend).step(belief, tick(name, t_ms))
@@ -54,7 +54,7 @@ def driven(name, times, belief=None, backend="c"):
 def moving(name):
     """A belief at 1 s of a vehicle under its command, and its period [ms]."""
     period = round(1e3 / load(name).rate_hz)
-    return driven(name, range(period, 1001, period)), period
+    return drive_ekf(name, range(period, 1001, period)), period
 
 
 def random_ticks(name, n, seed, shortest_s=0.0, longest_s=10.0):
@@ -104,7 +104,7 @@ def test_after_a_pause_the_belief_is_that_of_silent_ticks(name, pause_ms, backen
     belief, period = moving(name)
     block = ekf(name).block if backend == "plain" else ekf(name)
     paused, _ = block.step(belief, tick(name, 1000 + pause_ms))
-    ticked = driven(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
+    ticked = drive_ekf(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
     np.testing.assert_allclose(paused.mean, ticked.mean, rtol=0.0, atol=2e-5)
     if pause_ms % period == 0 and backend == "c":
         assert np.array_equal(paused.mean, ticked.mean), "the same rows, bit by bit"
@@ -115,7 +115,7 @@ def test_after_a_pause_the_belief_is_that_of_silent_ticks(name, pause_ms, backen
 def test_a_measurement_after_a_pause_corrects_at_its_own_tick(name):
     belief, period = moving(name)
     _, estimate = ekf(name).step(belief, tick(name, 1500, z=0.1))
-    before = driven(name, range(1000 + period, 1500, period), belief)
+    before = drive_ekf(name, range(1000 + period, 1500, period), belief)
     _, expected = ekf(name).step(before, tick(name, 1500, z=0.1))
     np.testing.assert_array_equal(estimate.innovation, expected.innovation)
     assert estimate.t_ns == 1500 * MS
@@ -136,7 +136,7 @@ def test_beyond_a_second_the_mean_is_held_and_the_covariance_grows(name, call):
     assert np.all(spread[2] > spread[1])
     way = np.hypot(*ten.mean[3:5]) * 8.9
     assert np.sqrt(ten.cov[0, 0]) > way, "it may have gone on as it went"
-    near = driven(name, range(1010, 2001, 10), belief) if call == "step" else after_1_ms
+    near = drive_ekf(name, range(1010, 2001, 10), belief) if call == "step" else after_1_ms
     np.testing.assert_allclose(after_1_ms.mean, near.mean, rtol=0.0, atol=1e-3)
 
 

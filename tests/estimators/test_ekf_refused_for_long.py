@@ -66,14 +66,14 @@ def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
     slot = Slot(has, z, 0.0 * has)
     _, out = kernel.run(Tick(ticks, run.applied, SMALL.sensors._replace(imu=slot)))
     y, S = out.innovation, out.innovation_cov
-    refused = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
+    refusals = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
     health = Health()
     reasons = [bool(health.check(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)]
-    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refused, reasons)]
-    return Seen(out.nu - run.truth.nu, refused, *at)
+    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refusals, reasons)]
+    return Seen(out.nu - run.truth.nu, refusals, *at)
 
 
-def broken(run: Run, fault: str) -> np.ndarray:
+def broken_readings(run: Run, fault: str) -> np.ndarray:
     """What the run's IMU says, broken from 8 s to 11 s."""
     z, random = run.sensors["imu"].z.copy(), np.random.default_rng(6)
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
@@ -90,7 +90,7 @@ def broken(run: Run, fault: str) -> np.ndarray:
 def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_reported(kernel, run, fault):
     """The bounds are twice the largest errors of an IMU that is whole. The gyro's gate is wide, for real cars turn as
     no model foretells: one that is shaken by 200 σ may move the yaw rate by 4."""
-    whole, s = consequence(kernel, run), consequence(kernel, run, broken(run, fault))
+    whole, s = consequence(kernel, run), consequence(kernel, run, broken_readings(run, fault))
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
     assert np.mean(s.refused[at]) > 0.5
     assert not np.any(s.refused[~at])

@@ -80,9 +80,9 @@ def test_a_weight_is_more_noise():
     noisier = correct(P, y[:1], H[:1], np.array([4.0 * s - H[0] @ P @ H[0]]))
     assert weighted.move == pytest.approx(noisier.move)
     assert weighted.cov == pytest.approx(noisier.cov)
-    ignored = correct(P, y, H, np.full(3, 0.3), weight=lambda c, e, s: 0.0)
-    assert ignored.move == pytest.approx(np.zeros(6))
-    assert ignored.cov == pytest.approx(P)
+    without_weight = correct(P, y, H, np.full(3, 0.3), weight=lambda c, e, s: 0.0)
+    assert without_weight.move == pytest.approx(np.zeros(6))
+    assert without_weight.cov == pytest.approx(P)
 
 
 def test_independent_numbers_have_the_same_information():

@@ -52,9 +52,9 @@ class Linear:
         )
 
 
-def drive(n, seed, turned=0.0):
-    """Commands, measurements with gaps, of a vehicle whose heading is `turned` on."""
-    rng, x, u, z = np.random.default_rng(seed), np.array([0, 0, turned, 0, 0, 0.0]), [], []
+def drive(n, seed, turn_rad=0.0):
+    """Commands, measurements with gaps, of a vehicle whose heading is `turn_rad` on."""
+    rng, x, u, z = np.random.default_rng(seed), np.array([0, 0, turn_rad, 0, 0, 0.0]), [], []
     for k in range(n):
         u.append(0.1 * np.array([np.sin(0.1 * k), 1.0, 0.02 * np.cos(0.1 * k), 0, 0, 0]))
         x = A @ x + u[-1] + np.sqrt(np.diag(R)) * rng.standard_normal(N)

@@ -102,8 +102,8 @@ def test_a_linear_function_is_met_exactly_and_a_square_has_its_mean():
     np.testing.assert_allclose(
         moments.odd @ moments.odd.T, 1e-2 * G @ x.cov @ G.T / np.trace(x.cov), atol=1e-14
     )
-    squared = spread(lambda x: x**2, Gaussian(np.zeros(3), np.diag([4.0, 9.0, 0.01])))
-    np.testing.assert_allclose(squared.mean, [4.0, 9.0, 0.01], rtol=1e-12)
+    square = spread(lambda x: x**2, Gaussian(np.zeros(3), np.diag([4.0, 9.0, 0.01])))
+    np.testing.assert_allclose(square.mean, [4.0, 9.0, 0.01], rtol=1e-12)
 
 
 def test_the_mean_of_headings_on_both_sides_of_pi_lies_between_them():
@@ -172,9 +172,9 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
         original, a = block.step(original, tick)
         moved_belief, b = block.step(moved_belief, tick)
         np.testing.assert_allclose(b.nu, a.nu, atol=1e-4)  # the points turn with the map
-        moved = compose(start, a.eta)
-        np.testing.assert_allclose(b.eta[:2], moved[:2], atol=1e-5)
-        assert abs(wrap(b.eta[2] - moved[2])) < 1e-4
+        moved_pose = compose(start, a.eta)
+        np.testing.assert_allclose(b.eta[:2], moved_pose[:2], atol=1e-5)
+        assert abs(wrap(b.eta[2] - moved_pose[2])) < 1e-4
         assert abs(b.eta[2]) <= np.pi
 
 

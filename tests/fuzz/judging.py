@@ -61,14 +61,14 @@ def within(limit_s: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def judge(read: Callable[[int], object], numbers: Iterable[int]) -> Judged:
+def judge(read_mutant: Callable[[int], object], numbers: Iterable[int]) -> Judged:
     """Return what becomes of the inputs of these numbers."""
     outcome = Judged()
     for number in numbers:
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         try:
             with within(LONGEST_S):
-                read(number)
+                read_mutant(number)
             outcome.values += 1
         except BaqueanoError as error:
             outcome.errors[str(error.diagnostic.code)] += 1
@@ -78,5 +78,5 @@ def judge(read: Callable[[int], object], numbers: Iterable[int]) -> Judged:
             last = traceback.extract_tb(error.__traceback__)[-1]
             cause = f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
             outcome.findings.setdefault(cause if not isinstance(error, Hang) else "hang", []).append(number)
-        outcome.slowest_s = max(outcome.slowest_s, time.perf_counter() - begun)
+        outcome.slowest_s = max(outcome.slowest_s, time.perf_counter() - start_s)
     return outcome

@@ -45,8 +45,8 @@ def test_a_damaged_input_is_an_error_of_ours_or_a_value(name, tmp_path, monkeypa
     if name == "door" and not hasattr(socket, "AF_UNIX"):
         pytest.skip("the door of a vehicle listens at a unix socket")
     monkeypatch.chdir(tmp_path)
-    with FORMATS[name](tmp_path) as read:
-        outcome = judge(read, numbers())
+    with FORMATS[name](tmp_path) as read_mutant:
+        outcome = judge(read_mutant, numbers())
     print(f"{name}: {outcome.table}")
     assert not outcome.findings, f"{name}: {outcome.table}\n{repeat_line(name, outcome)}"
 
@@ -69,19 +69,19 @@ def test_a_finding_is_judged_again_by_what_is_typed(monkeypatch):
     assert draw("csv", 17).random() == draw("csv", 17).random() != draw("csv", 18).random()
 
 
-def ours_or_a_value(read, *inputs):
+def ours_or_a_value(reader, *inputs):
     with suppress(BaqueanoError):
-        read(*inputs)
+        reader(*inputs)
 
 
 @settings(max_examples=40, derandomize=True)
 @given(noise=st.binary(max_size=200))
 def test_noise_is_an_error_of_ours_or_a_value(noise, tmp_path_factory):
     folder = tmp_path_factory.getbasetemp()
-    for name, read in (("x.mcap", read_run), ("x.toml", load), ("m.toml", load_map), ("x.csv", read_route)):
+    for name, reader in (("x.mcap", read_run), ("x.toml", load), ("m.toml", load_map), ("x.csv", read_route)):
         for data in (noise, b"\x89MCAP0\r\n" + noise):
             (folder / name).write_bytes(data)
-            ours_or_a_value(read, folder / name)
+            ours_or_a_value(reader, folder / name)
     assert decoded(noise) is None
 
 

@@ -74,8 +74,8 @@ def test_the_velocity_is_that_of_its_poses():
     off = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - nu[1:, 2])
     assert np.sum(off > 0.02) <= 2  # where an arc ends
     assert np.max(np.abs(nu[:, 2])) == pytest.approx(0.2 / 0.25)
-    moved = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
-    np.testing.assert_allclose(moved, nu[1:, 0], atol=2e-3)
+    speeds = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
+    np.testing.assert_allclose(speeds, nu[1:, 0], atol=2e-3)
 
 
 def test_it_begins_at_the_speed_that_the_vehicle_has_and_arrives_at_rest():

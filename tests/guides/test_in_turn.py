@@ -49,10 +49,10 @@ class Counts:
         return -1
 
     def step(self, state, estimate):
-        begun = np.where(state < 0, estimate.t_ns, state)
+        start_ns = np.where(state < 0, estimate.t_ns, state)
         reference = Repeat.along(line(2.0, 0.2)).step(Repeat.along(line(2.0, 0.2)).init(), estimate)[1]
-        x = 0.2e-9 * (estimate.t_ns - begun)
-        return begun, reference._replace(eta=np.array([x, 0.0, 0.0]), done=np.where(x >= 2.0, 1.0, 0.0))
+        x = 0.2e-9 * (estimate.t_ns - start_ns)
+        return start_ns, reference._replace(eta=np.array([x, 0.0, 0.0]), done=np.where(x >= 2.0, 1.0, 0.0))
 
 
 def test_a_guide_of_ones_own_begins_where_the_way_meets_its_route():

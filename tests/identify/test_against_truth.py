@@ -34,7 +34,7 @@ TRUE = {
 }
 
 
-def filmed(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_rad"]):
+def film(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_rad"]):
     """The run with a camera's truth: 25 frames a second, noise, its clock `late_s` behind, its mark turned."""
     rng, truth = np.random.default_rng(seed), run.truth
     eta = truth.eta[::2] + rng.normal(size=truth.eta[::2].shape) * [0.002, 0.002, 0.01] + [0, 0, turned_rad]
@@ -59,11 +59,11 @@ def drive(assumed_file):
         {name: value for name, value in TRUE.items() if name.startswith("sensors.")}
     )
 
-    def driven(seed, duration_s=60.0):
+    def run_of_seed(seed, duration_s=60.0):
         u = random_steps([0.5, 0.8], duration_s, true.rate_hz, seed)
-        return filmed(simulate(true, u, seed), seed)
+        return film(simulate(true, u, seed), seed)
 
-    return driven
+    return run_of_seed
 
 
 def test_everything_is_found_within_its_error_bars(assumed_file, drive):
@@ -120,7 +120,7 @@ def test_a_jump_of_the_camera_hardly_matters(assumed_file, drive):
 
 def test_a_car_that_hardly_turns_is_a_doubt(assumed_file):
     u = random_steps([0.5, 0.0], 60.0, assumed_file.rate_hz, 0)
-    fit = calibrate(filmed(simulate(assumed_file, u, 0), 0), assumed_file)
+    fit = calibrate(film(simulate(assumed_file, u, 0), 0), assumed_file)
     assert fit.verdict == "WARN"
     assert "calibration.turn-more" in [reason.code for reason in fit.reasons]
 
@@ -189,9 +189,9 @@ def test_the_command_line_writes_the_scales_into_the_vehicle_file(
     monkeypatch.chdir(tmp_path)
     assumed_file.save(tmp_path / "my.toml")
     write_run(drive(0), tmp_path / "filmed.mcap")
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["runs", "calibrate", "filmed.mcap", "--vehicle", "my.toml", "--update", "--json"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     assert reply["verdict"] == "USABLE"
     scales = {row["name"]: row["value"] for row in reply["rows"]}

@@ -15,7 +15,7 @@ from tests.codes import of_code
 RATE = 100.0
 
 
-def made(white, flicker, walk, seed, n=60_000):
+def noise_of(white, flicker, walk, seed, n=60_000):
     """White noise and a random walk per √Hz and s^1.5; flicker from shaped white noise."""
     rng = np.random.default_rng(seed)
     y = white * np.sqrt(RATE) * rng.normal(size=n)
@@ -40,14 +40,14 @@ def test_the_deviation_is_that_of_allantools():
 
 
 def test_a_bias_does_not_show():
-    y = made(1e-3, 0.0, 0.0, 1)
+    y = noise_of(1e-3, 0.0, 0.0, 1)
     np.testing.assert_allclose(allan(y + 7.0, RATE).deviation, allan(y, RATE).deviation, rtol=1e-9)
 
 
 def test_white_noise_falls_with_the_root_of_time_inside_its_interval():
     inside = 0
     for seed in range(40):
-        curve = allan(made(1e-3, 0.0, 0.0, seed, 4096), RATE)
+        curve = allan(noise_of(1e-3, 0.0, 0.0, seed, 4096), RATE)
         truth = 1e-3 / np.sqrt(curve.tau_s)
         inside += int(np.sum((curve.low <= truth) & (truth <= curve.high))[()]) * 8 / len(truth)
     assert 287 <= inside <= 317
@@ -57,14 +57,14 @@ def test_white_noise_falls_with_the_root_of_time_inside_its_interval():
     ("truth", "part"), [((1e-3, 0.0, 0.0), 0), ((1e-3, 0.0, 5e-4), 2), ((1e-4, 1e-3, 0.0), 1)]
 )
 def test_each_coefficient_is_found_where_it_is(truth, part):
-    fits = [coefficients(allan(made(*truth, seed), RATE)) for seed in range(8)]
+    fits = [coefficients(allan(noise_of(*truth, seed), RATE)) for seed in range(8)]
     value = np.median([c.value[part] for c in fits])
     assert value == pytest.approx(truth[part], rel=0.15)
     assert all(c.measurable[part] for c in fits)
 
 
 def test_what_is_not_there_is_not_seen():
-    fits = [coefficients(allan(made(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
+    fits = [coefficients(allan(noise_of(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
     assert sum(c.measurable[1:].any() for c in fits) <= 2
 
 

@@ -20,10 +20,10 @@ from baqueano.identify.residuals.block_arrow import (
 )
 
 
-def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
+def equations(seed, runs, more=0, common=4, by_run=3, by_piece=6):
     """(places, arrow, the same as one matrix, g) of random slopes of every piece."""
     rng = np.random.default_rng(seed)
-    layout = ThetaLayout(shared, by_run, by_piece, runs)
+    layout = ThetaLayout(common, by_run, by_piece, runs)
     places, size = places_of(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
     arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)

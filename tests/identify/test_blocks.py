@@ -22,7 +22,7 @@ from baqueano.vehicle_file import load
 def end(case, driven):
     """(a finished search over two runs with biases, the information there)."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
         fit = identify([driven(seed, 20.0) for seed in range(2)], case)
     return fit, information(fit.task.problem, fit.search.solution.theta)
 
@@ -86,7 +86,7 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
             hit = (rng.random(channel.z.shape) < 0.1) * rng.choice([-20.0, 20.0], channel.z.shape)
             run.sensors[name] = channel._replace(z=channel.z + hit * sd)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "fit_by_simulation", lambda finished: finished)
+            patch.setattr(module, "fit_by_simulation", lambda task: task)
             end = identify(run, car)
         info = information(end.task.problem, end.search.solution.theta)
         identifiable = np.flatnonzero(end.identifiability.mask)
@@ -104,8 +104,8 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
 
 def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
     rng = np.random.default_rng(3)
-    turned = np.linalg.qr(rng.normal(size=(5, 5)))[0]
-    meat = turned @ np.diag([-1e-5, 1e-4, 1.0, 20.0, 2e5]) @ turned.T
+    rotation = np.linalg.qr(rng.normal(size=(5, 5)))[0]
+    meat = rotation @ np.diag([-1e-5, 1e-4, 1.0, 20.0, 2e5]) @ rotation.T
     info = Information(np.eye(5), 0.5 * (meat + meat.T), np.ones((1, 5)), False, np.zeros(1), 1000)
     cov = covariance_of(info, np.arange(5))
     assert np.isfinite(cov).all()
@@ -113,14 +113,14 @@ def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
     np.testing.assert_allclose(np.diagonal(cov), np.diagonal(meat) * 1000 / 995, rtol=1e-3)
 
 
-@pytest.mark.parametrize(("filmed", "segment_s"), [(False, 3.0), (True, 5.0)])
-def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(filmed, segment_s):
+@pytest.mark.parametrize(("with_camera", "segment_s"), [(False, 3.0), (True, 5.0)])
+def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(with_camera, segment_s):
     car, inside = load("car"), []
     for seed in range(16):
         run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
-        use = ("imu", "truth") if filmed else None
+        use = ("imu", "truth") if with_camera else None
         fit = identify(
-            seen_by_a_camera(run, seed) if filmed else run,
+            seen_by_a_camera(run, seed) if with_camera else run,
             car,
             use=use,
             options=FitOptions(segment_s=segment_s, diagnose=False),
@@ -136,7 +136,7 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(fil
 
 def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
         fit = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
     problem, theta, identifiable = (
         fit.task.problem,

@@ -66,17 +66,17 @@ def choice(dry, file):
 
 
 def test_a_vehicle_without_terms_gets_none(bare, file):
-    given = [choose(drive(bare, seed), file, use=USE).taken for seed in range(4)]
-    assert sum(len(names) > 0 for names in given) <= 1, given
+    choices = [choose(drive(bare, seed), file, use=USE).taken for seed in range(4)]
+    assert sum(len(names) > 0 for names in choices) <= 1, choices
 
 
 def test_dry_friction_and_dead_zone_are_found_and_nothing_else(dry, file, choice):
-    given = [choice.taken, *(choose(drive(dry, seed), file, use=USE).taken for seed in range(1, 3))]
-    for names in given:
+    choices = [choice.taken, *(choose(drive(dry, seed), file, use=USE).taken for seed in range(1, 3))]
+    for names in choices:
         paths = " ".join(names)
         assert "dry friction" in names
         assert "dead zone" in paths
-    assert sum(len(names) > 2 for names in given) <= 1, given
+    assert sum(len(names) > 2 for names in choices) <= 1, choices
 
 
 def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(choice, file):
@@ -90,9 +90,9 @@ def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(cho
 
 
 def test_each_choice_is_a_sentence_with_its_figures(choice):
-    taken = next(judgement.message for judgement in choice.judged if judgement.term.name == "dry friction")
-    assert (taken.code, taken.figures["channel"]) == ("choose.taken", "speed")
-    assert taken.figures["errors"] > taken.figures["needed"]
+    message = next(judgement.message for judgement in choice.judged if judgement.term.name == "dry friction")
+    assert (message.code, message.figures["channel"]) == ("choose.taken", "speed")
+    assert message.figures["errors"] > message.figures["needed"]
     rejected = [judgement for judgement in choice.judged if judgement.verdict == "left out"]
     assert rejected
     assert {judgement.message.code for judgement in rejected} <= {"choose.left-out", "choose.left-out-for"}
@@ -215,9 +215,9 @@ SAID = ("dry.mcap", "--vehicle", "my.toml", "--choose", "--use", "odometer", "--
 
 
 def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, choice, capsys):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--update", "--json"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     terms = {row["term"]: row for row in reply["rows"] if "term" in row}
     assert {name for name, row in terms.items() if row["verdict"] == "taken"} == set(choice.taken)
@@ -229,9 +229,9 @@ def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, ch
 
 
 def test_what_choosing_does_not_go_with_is_reported(in_a_folder, capsys):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--speed-noise"])
-    assert ended.value.code == 2
+    assert exit_info.value.code == 2
     assert "--choose cannot be combined with --speed-noise. First choose" in capsys.readouterr().err
 
 
@@ -266,9 +266,9 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, file, effect, f
     run = simulate(dry, u * motor, 0)
     battery = Channel(run.t_ns, run.t_ns, volts[:, None])
     run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
-    judged = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
+    judgements = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
     judgement = next(
-        term_judgement for term_judgement in judged if term_judgement.term.name == "battery voltage"
+        term_judgement for term_judgement in judgements if term_judgement.term.name == "battery voltage"
     )
     assert judgement.verdict == verdict, judgement.message
     if verdict == "refused":
@@ -291,9 +291,9 @@ def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, s
 
 def test_the_command_line_chooses_and_judges_by_the_held_out_run(in_a_folder, dry, tmp_path, capsys):
     write_run(drive(dry, 1, 20.0), tmp_path / "other.mcap")
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--held-out", "other.mcap"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     printed = capsys.readouterr().out
     assert "tested by its simulation of the 1 held-out runs" in printed
     assert "the model carries over 20 s open loop" in printed

@@ -81,8 +81,10 @@ def test_a_delay_that_the_fit_has_not_is_reported_with_the_line_that_frees_it_an
 
 
 def test_as_many_evaluations_are_reported_as_were_made(monkeypatch):
-    made, evaluate = [], Residuals.evaluate
-    monkeypatch.setattr(Residuals, "evaluate", lambda self, theta: made.append(1) or evaluate(self, theta))
+    evaluations, evaluate = [], Residuals.evaluate
+    monkeypatch.setattr(
+        Residuals, "evaluate", lambda self, theta: evaluations.append(1) or evaluate(self, theta)
+    )
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, 7, hold_s=0.5), 7)
-    assert identify(run, small, FREE, options=FitOptions(diagnose=False)).evaluations == len(made) > 0
+    assert identify(run, small, FREE, options=FitOptions(diagnose=False)).evaluations == len(evaluations) > 0

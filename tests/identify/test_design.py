@@ -79,18 +79,18 @@ def test_a_signal_that_would_leave_is_kept_inside_without_being_stilled(name, si
     requested = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
     cloud = Cloud(file, possible_vehicles(file))
     _, free = cloud.drive(cloud.at(room.start), requested)
-    kept = contained(requested, file, room, cloud=cloud)
-    assert room.margin(free) < 0.0 <= kept.margin_m
-    assert 0.0 < kept.replaced < 1.0
-    assert np.mean(np.any(kept.u != 0.0, axis=1)) > 0.7
-    assert np.all(np.abs(kept.u) <= file.command.limit)
+    contained_drive = contained(requested, file, room, cloud=cloud)
+    assert room.margin(free) < 0.0 <= contained_drive.margin_m
+    assert 0.0 < contained_drive.replaced < 1.0
+    assert np.mean(np.any(contained_drive.u != 0.0, axis=1)) > 0.7
+    assert np.all(np.abs(contained_drive.u) <= file.command.limit)
 
 
 def test_a_signal_that_stays_inside_is_not_touched(small):
     requested = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
-    kept = contained(requested, small, room_of(small, "4x4"))
-    assert kept.replaced == 0.0
-    assert np.array_equal(kept.u, requested)
+    contained_drive = contained(requested, small, room_of(small, "4x4"))
+    assert contained_drive.replaced == 0.0
+    assert np.array_equal(contained_drive.u, requested)
 
 
 def test_what_stands_for_a_chunk_is_never_larger_and_ends_with_no_command():

@@ -76,8 +76,8 @@ def test_an_imu_3_cm_off_the_centre_that_its_file_has_at_the_centre_is_not_swapp
     q = robot(seed)
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0))
-    shown = counterpart.driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
-    run = counterpart.recorded(shown, 0, u, file, "off centre", seed)
+    motion = counterpart.driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    run = counterpart.recorded(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     assert fit.verdict == "WARN"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}

@@ -18,20 +18,20 @@ def end(case):
     u = random_steps(case.command.limit, 6.0, 100.0, 5)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
         return identify(
             [simulate(rough, u, 0), simulate(rough, u[::-1], 1)], case, options=FitOptions(at_rest=True)
         )
 
 
-def pushed(blocks, record, push):
+def push_response(blocks, record, push):
     """What the sensors show (N, m) of a vehicle that is pushed (N, 3)."""
-    vehicle, shown = blocks.model.init(), []
+    vehicle, outputs = blocks.model.init(), []
     for dt_s, u, a in zip(record.dt_s, record.u, push, strict=True):
         vehicle, motion = blocks.model.step(vehicle._replace(nu=vehicle.nu + a * dt_s), u, dt_s, np.zeros(3))
         motion = motion._replace(nu_dot=motion.nu_dot + a)
-        shown.append(np.concatenate([sensor.h(motion) for sensor in blocks.sensors]))
-    return np.array(shown)
+        outputs.append(np.concatenate([sensor.h(motion) for sensor in blocks.sensors]))
+    return np.array(outputs)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
     ):
         blocks = substitute(end.blocks, (*problem.shape.shared, *problem.shape.own), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
-        slope = weight * (pushed(blocks, record, push) - pushed(blocks, record, -push)) / 2e-6
+        slope = weight * (push_response(blocks, record, push) - push_response(blocks, record, -push)) / 2e-6
         change = columns[0][at : at + slope.size].reshape(slope.shape)
         at += slope.size
         np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))

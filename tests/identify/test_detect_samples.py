@@ -42,11 +42,11 @@ def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
     z = motion(step=6e-4, n=8000)
     z[:, 2] = motion(n=8000)[:, 0]
     last = np.random.default_rng(3).integers(0, 3, z.shape)
-    turned = z + last * np.spacing(z)
-    assert grain(turned[:, 0]).step == pytest.approx(6e-4)
-    after, findings = check_samples("imu", IMU, channel(turned))
+    rounded_z = z + last * np.spacing(z)
+    assert grain(rounded_z[:, 0]).step == pytest.approx(6e-4)
+    after, findings = check_samples("imu", IMU, channel(rounded_z))
     assert findings == []
-    assert np.array_equal(after.z, turned)
+    assert np.array_equal(after.z, rounded_z)
 
 
 @pytest.mark.parametrize("every", [2, 5, 8])
@@ -64,9 +64,9 @@ def test_id7_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
     z = motion()
     z[1000:1500, 2] = z[1000, 2]
     after, findings = check_samples("imu", IMU, channel(z))
-    lost = ~np.isfinite(after.z)
-    assert not lost[:, :2].any()
-    assert np.array_equal(np.flatnonzero(lost[:, 2]), np.arange(1001, 1500))
+    lost_rows = ~np.isfinite(after.z)
+    assert not lost_rows[:, :2].any()
+    assert np.array_equal(np.flatnonzero(lost_rows[:, 2]), np.arange(1001, 1500))
     assert findings[0].figures["longest"] == 499
 
 
@@ -84,17 +84,17 @@ def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
 def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_ones_are_not():
     wheels, rng = Wheels(track_m=0.1, noise_std=0.01), np.random.default_rng(0)
     v = np.concatenate([np.zeros(300), 0.5 + 0.01 * rng.standard_normal(700)])
-    lost = np.arange(400, 900, 37)
-    v[lost] = 0.0
+    lost_rows = np.arange(400, 900, 37)
+    v[lost_rows] = 0.0
     after, findings = check_samples("wheels", wheels, channel(np.stack([v, v], axis=1)))
-    assert np.array_equal(np.flatnonzero(~np.isfinite(after.z[:, 0])), lost)
+    assert np.array_equal(np.flatnonzero(~np.isfinite(after.z[:, 0])), lost_rows)
     assert codes(findings) == {"data.zeros"}
 
 
 def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
     z = motion()
-    clipped = np.clip(z, -1.2, 1.2)
-    after, findings = check_samples("imu", IMU, channel(clipped))
+    clipped_z = np.clip(z, -1.2, 1.2)
+    after, findings = check_samples("imu", IMU, channel(clipped_z))
     assert "data.clipped" in codes(findings)
     assert findings[0].subject == "imu[0]"
     far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
@@ -110,8 +110,8 @@ def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
     identifiable = np.isfinite(after.z[:, 0])
     error = np.mean(np.sign(truth[identifiable]) * (after.z[identifiable, 0] - truth[identifiable]))
     plain = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
-    pulled = np.mean(np.sign(truth[plain]) * (z[plain] - truth[plain]))
-    assert abs(error) < 0.5 * abs(pulled)
+    pull = np.mean(np.sign(truth[plain]) * (z[plain] - truth[plain]))
+    assert abs(error) < 0.5 * abs(pull)
 
 
 def test_a_channel_without_life_is_left_out_and_doubted():

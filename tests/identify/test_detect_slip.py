@@ -16,8 +16,8 @@ def test_a_drag_that_grows_with_the_square_of_the_sideways_acceleration_widens_t
     car = trials.car(702, "understeer")
     file = car_file(car)
     u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERED["understeer"])
-    shown = driven(car, u[:, None], [702], times(len(u), file.rate_hz))
-    fit = identify(recorded(shown, 0, u, file, "soft tyres", 702), file, FREE_CAR)
+    motion = driven(car, u[:, None], [702], times(len(u), file.rate_hz))
+    fit = identify(recorded(motion, 0, u, file, "soft tyres", 702), file, FREE_CAR)
     k = fit.names.index(DRAG)
     off = fit.estimate[k] - float(car_values(car)[DRAG][0])
     assert fit.verdict == "WARN"

@@ -11,7 +11,7 @@ from baqueano.identify.diagnostics.timestamps import check_timestamps, spread
 from baqueano.runs.run import Channel
 
 
-def moved(run, move):
+def move_stamps(run, move):
     sensors = {n: Channel(move(c.t_ns), move(c.arrival_ns), c.z) for n, c in run.sensors.items()}
     return replace(run, t_ns=move(run.t_ns), sensors=sensors, truth=None)
 
@@ -30,14 +30,14 @@ def test_a_sound_run_is_given_back_as_it_is(driven):
 def test_id3_half_a_step_of_jitter_is_not_a_burst(driven):
     run = driven(0, 20.0)
     jitter = np.random.default_rng(0).uniform(-0.45e7, 0.45e7, len(run.t_ns)).astype(np.int64)
-    pieces, findings = check_timestamps(moved(run, lambda t: t + jitter), 100.0)
+    pieces, findings = check_timestamps(move_stamps(run, lambda t: t + jitter), 100.0)
     assert findings == []
     assert len(pieces) == 1
 
 
 def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off):
     run = driven(0, 20.0)
-    jump = moved(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
+    jump = move_stamps(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
     pieces, findings = check_timestamps(jump, 100.0)
     assert [len(piece.t_ns) for piece in pieces] == [900, 1100]
     assert codes(findings) == ["time.jump"]
@@ -49,7 +49,7 @@ def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off)
 
 def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven):
     run = driven(0, 20.0)
-    jumps = moved(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
+    jumps = move_stamps(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
     pieces, several = check_timestamps(jumps, 100.0)
     (finding,) = (finding for finding in several if finding.code.startswith("time.jump"))
     assert (finding.code, finding.severity) == ("time.jump-throughout", Severity.ERROR)
@@ -62,7 +62,7 @@ def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven
 def test_a_clock_in_another_unit_is_refused_by_its_name(driven, case, factor, guess):
     run = driven(0, 20.0)
     first = run.t_ns[0]
-    wrong = moved(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
+    wrong = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
     fit = identify(wrong, case)
     assert fit.verdict == "REFUSED"
     (reason,) = (candidate for candidate in fit.reasons if candidate.code == "time.unit")

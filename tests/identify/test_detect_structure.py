@@ -53,13 +53,13 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
 
 
 def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(case, u):
-    worn = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
+    worn_case = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     first = simulate(case, u, 0)
-    second = simulate(worn, u[1500:], 1, nu0=first.truth.nu[1499])
+    second = simulate(worn_case, u[1500:], 1, nu0=first.truth.nu[1499])
     z = first.sensors["imu"].z.copy()
     z[1500:] = second.sensors["imu"].z
-    mixed = replace(first, sensors={"imu": first.sensors["imu"]._replace(z=z)}, truth=None)
-    fit = identify(mixed, case)
+    mixed_run = replace(first, sensors={"imu": first.sensors["imu"]._replace(z=z)}, truth=None)
+    fit = identify(mixed_run, case)
     assert fit.verdict == "WARN"
     assert "residual.parts-differ" in codes(fit.reasons)
     k = fit.names.index("model.friction.linear[0]")
@@ -69,8 +69,8 @@ def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(c
 
 
 def test_of_two_runs_of_two_vehicles_the_difference_is_reported(case, u):
-    worn = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
-    runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, worn))]
+    worn_case = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
+    runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, worn_case))]
     fit = identify(runs, case)
     assert fit.verdict == "WARN"
     assert "residual.parts-differ" in codes(fit.reasons)

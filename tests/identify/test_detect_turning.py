@@ -82,8 +82,8 @@ def guessed_sticky(small):
     linear = small.vehicle.friction.linear
     quiet = small.with_values({"model.friction.coulomb": [0.25, 0.0, 0.003]})
     free = quiet.with_values({FRICTION: [*linear[:2], linear[2] / 3.0]})
-    guessed = quiet.with_values({FRICTION: [*linear[:2], linear[2] * 28.0]})
-    return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guessed
+    guess = quiet.with_values({FRICTION: [*linear[:2], linear[2] * 28.0]})
+    return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guess
 
 
 def test_a_fit_that_keeps_the_gains_of_the_file_clears_the_gyro_of_a_guessed_friction(guessed_sticky):

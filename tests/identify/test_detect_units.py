@@ -71,7 +71,7 @@ def test_gravity_in_the_plane_is_reported(driven, case):
 
 
 @pytest.fixture(scope="module")
-def turned(small):
+def turned_run(small):
     """A run of the small vehicle, whose accelerometer feels the turns."""
     from baqueano.identify import random_steps
     from baqueano.simulate import simulate
@@ -79,11 +79,11 @@ def turned(small):
     return simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 1), 1)
 
 
-def test_swapped_axes_follow_each_others_predictions(turned, small):
-    fit = identify(with_imu(turned, lambda z: z[:, [1, 0, 2]]), small)
+def test_swapped_axes_follow_each_others_predictions(turned_run, small):
+    fit = identify(with_imu(turned_run, lambda z: z[:, [1, 0, 2]]), small)
     assert fit.verdict == "REFUSED"
-    swapped = reasons(fit)["axes.swapped"]
-    assert (swapped.subject, swapped.figures["other"]) == ("imu[0]", "imu[1]")
+    swap = reasons(fit)["axes.swapped"]
+    assert (swap.subject, swap.figures["other"]) == ("imu[0]", "imu[1]")
 
 
 def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_was_the_largest(case):
@@ -98,14 +98,14 @@ def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_wa
     assert axes == ["axis.forward", "axis.sideways"]
 
 
-def test_an_inverted_accelerometer_goes_against_the_model(turned, small):
-    fit = identify(with_imu(turned, lambda z: z * [1.0, -1.0, 1.0]), small)
+def test_an_inverted_accelerometer_goes_against_the_model(turned_run, small):
+    fit = identify(with_imu(turned_run, lambda z: z * [1.0, -1.0, 1.0]), small)
     assert fit.verdict == "REFUSED"
     assert reasons(fit)["axes.inverted"].subject == "imu[1]"
 
 
-def test_an_inverted_gyro_is_reported_by_the_sign_of_the_gain_and_by_the_accelerometer(turned, small):
-    fit = identify(with_imu(turned, lambda z: z * [1.0, 1.0, -1.0]), small)
+def test_an_inverted_gyro_is_reported_by_the_sign_of_the_gain_and_by_the_accelerometer(turned_run, small):
+    fit = identify(with_imu(turned_run, lambda z: z * [1.0, 1.0, -1.0]), small)
     assert fit.verdict != "USABLE"
     assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
 
@@ -121,8 +121,8 @@ def test_an_inverted_gain_is_reported_where_nothing_else_contradicts_it(case):
 
 
 def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(driven, case):
-    guessed = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
-    assert identify(driven(0, 20.0), guessed).verdict == "USABLE"
+    guess = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
+    assert identify(driven(0, 20.0), guess).verdict == "USABLE"
 
 
 @pytest.mark.parametrize(

@@ -28,16 +28,18 @@ from tests.codes import of_code
 LIMIT = {"small": [1.0, 0.0, 1.0], "car": [0.5, 0.8]}
 
 
-def driven(name, seconds=40.0, seed=1):
+def drive_named(name, seconds=40.0, seed=1):
     file = load(name)
     run = simulate(file, random_steps(LIMIT[name], seconds, file.rate_hz, seed), seed)
     return file, run
 
 
 def fitted(name):
-    file, run = driven(name)
-    fixed = ["model.quadratic_drag"] if name == "car" else []  # else at its bound, where half the draws end
-    return identify(run, file, options=FitOptions(fixed=fixed, diagnose=False)), run
+    file, run = drive_named(name)
+    fixed_names = (
+        ["model.quadratic_drag"] if name == "car" else []
+    )  # else at its bound, where half the draws end
+    return identify(run, file, options=FitOptions(fixed=fixed_names, diagnose=False)), run
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +102,7 @@ def test_a_lost_heading_is_not_a_distance():
 
 
 def test_a_fit_of_sensors_alone_predicts_nothing():
-    file, run = driven("small", 10.0)
+    file, run = drive_named("small", 10.0)
     fit = identify(run, file, ["sensors.imu.lever_arm_m"], options=FitOptions(diagnose=False))
     with pytest.raises(UsageError, check=of_code("forecast.no-errors")):
         forecast(fit, run)

@@ -30,12 +30,12 @@ def truth_fit(small):
 
 
 def test_a_wrong_covariance_predicts_worse_and_its_nis_says_which_way(truth_fit):
-    fit, noise, unseen = truth_fit
+    fit, noise, unseen_run = truth_fit
     wrong = {
         "too small": replace(noise, process=1e-4 * noise.process),
         "too large": replace(noise, process=1e2 * noise.process),
     }
-    comparison = compare_noise(fit, {"truth": noise} | wrong, unseen)
+    comparison = compare_noise(fit, {"truth": noise} | wrong, unseen_run)
     by_name = {tried.name: tried for tried in comparison.tried}
     assert comparison.best == "truth"
     assert abs(by_name["truth"].nis - 1.0) < 0.1
@@ -49,10 +49,10 @@ def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(truth_fit
     from baqueano.compare import compare
     from baqueano.drive import replay
 
-    fit, noise, unseen = truth_fit
-    replayed = replay(unseen, noise.updated(fit.vehicle_file))
+    fit, noise, unseen_run = truth_fit
+    replayed = replay(unseen_run, noise.updated(fit.vehicle_file))
     nis_of_replay = compare(replayed, names=["x"]).rows()[0]["nis"]
-    judged_noise = compare_noise(fit, {"truth": noise}, unseen).tried[0]
+    judged_noise = compare_noise(fit, {"truth": noise}, unseen_run).tried[0]
     assert judged_noise.nis == pytest.approx(nis_of_replay, rel=0.02)
     assert judged_noise.low < 1.0 + 0.1
     assert np.isfinite(judged_noise.likelihood)
@@ -65,6 +65,6 @@ def test_seen_runs_are_refused(truth_fit):
 
 
 def test_nothing_to_compare_is_refused(truth_fit):
-    fit, _, unseen = truth_fit
+    fit, _, unseen_run = truth_fit
     with pytest.raises(UsageError, check=of_code("noise.nothing-to-compare")):
-        compare_noise(fit, {}, unseen)
+        compare_noise(fit, {}, unseen_run)

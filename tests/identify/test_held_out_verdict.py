@@ -37,7 +37,7 @@ def file():
     )
 
 
-def driven(signals):
+def drive_signals(signals):
     """The logs of one robot, run by run, under the voltages (N, 3) of each name; all begin at rest."""
     ticks = max(map(len, signals.values()))
     u = np.stack([np.pad(signal, ((0, ticks - len(signal)), (0, 0))) for signal in signals.values()], axis=1)
@@ -65,7 +65,7 @@ def logs():
     signals = {f"{kind} {sign:+d}": short(kind, sign) for kind in ("ramp", "step") for sign in (1, -1)}
     signals["coasting"] = np.where(np.arange(len(signals["step +1"]))[:, None] < 400, signals["step +1"], 0.0)
     steps = random_steps([0.0, 0.0, 8.0], 10.0, RATE_HZ, 1, hold_s=0.7)
-    return driven({**signals, "random steps": np.concatenate([np.zeros((100, 3)), steps])})
+    return drive_signals({**signals, "random steps": np.concatenate([np.zeros((100, 3)), steps])})
 
 
 @pytest.fixture(scope="module")

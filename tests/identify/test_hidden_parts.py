@@ -26,11 +26,11 @@ def logs():
     requested = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
-    sent = as_sent(requested)
-    each = np.stack([sent] * 3, axis=1)
-    shown = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent), file.rate_hz))
-    kinds = {"counts": (0, sent), "asked": (0, requested), "filtered": (1, sent), "chip": (2, sent)}
-    runs = {name: recorded(shown, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
+    sent_u = as_sent(requested)
+    each = np.stack([sent_u] * 3, axis=1)
+    motion = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent_u), file.rate_hz))
+    kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}
+    runs = {name: recorded(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs
 
 

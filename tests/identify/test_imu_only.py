@@ -29,7 +29,7 @@ def steps(rng, low, high, hold_s, seconds, rate_hz):
     return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(seconds * rate_hz)]
 
 
-def driven(seed, seconds=60.0, changes=None):
+def drive_seed(seed, seconds=60.0, changes=None):
     """A car whose IMU is shaken the more, the faster it drives; only its IMU is recorded."""
     file, rng = load("car").with_values({"model.quadratic_drag": 0.0}), np.random.default_rng(seed)
     u = np.c_[steps(rng, 0.1, 0.55, 2.0, seconds, 50.0), steps(rng, -0.8, 0.8, 1.2, seconds, 50.0)]
@@ -44,7 +44,7 @@ def driven(seed, seconds=60.0, changes=None):
 @pytest.fixture(scope="module")
 def fitted():
     """One car, and what was found of it."""
-    file, run = driven(3)
+    file, run = drive_seed(3)
     return file, run, fit_imu_only(run, file, LONGITUDINAL + YAW)
 
 
@@ -68,12 +68,12 @@ def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted)
     wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
     part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / of_tolerance(0.1)
-    moved = []
+    changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
-        scaled = file.with_values({"sensors.imu.gyro_scale": scale})
-        moved.append(fit_imu_only(run, scaled, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
-    slope = np.abs(moved[0] - moved[1]) / 0.04
+        scaled_file = file.with_values({"sensors.imu.gyro_scale": scale})
+        changes_by_scale.append(fit_imu_only(run, scaled_file, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
+    slope = np.abs(changes_by_scale[0] - changes_by_scale[1]) / 0.04
     gain = fit.names.index("model.steering_gain")
     assert part[gain] == pytest.approx(slope[gain], rel=0.2)
     assert np.all(np.abs(part - slope) < 0.2 * slope + 2.0 * exact.sd)
@@ -127,7 +127,7 @@ def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
 
 
 def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
-    file, run = driven(5, 30.0)
+    file, run = drive_seed(5, 30.0)
     free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
     first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
     second = fit_imu_only(run, first.vehicle_file, free)
@@ -175,7 +175,7 @@ def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
 
 
 def test_what_is_asked_for_beside_the_rest_takes_nothing_away():
-    file, run = driven(3, 20.0)
+    file, run = drive_seed(3, 20.0)
     plain, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
     assert "model.drivetrain.delay_s" in plain.names
     assert set(with_drag.names) == {*plain.names, "model.motor_drag"}
@@ -250,14 +250,18 @@ def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_larges
     root = rng.normal(size=(4, 4))
     A = root @ root.T + 4.0 * np.eye(4)
     info = Information(A, A, np.zeros((1, 4)), False, np.zeros(1), 100)
-    kept = np.array([0, 2, 3])
-    at = np.ix_(kept, kept)
+    kept_indices = np.array([0, 2, 3])
+    at = np.ix_(kept_indices, kept_indices)
     inverse = np.linalg.inv(A[at])
-    np.testing.assert_allclose(with_blocks(info, kept, inverse).meat, A, rtol=1e-10)
-    np.testing.assert_allclose(with_blocks(info, kept, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10)
-    np.testing.assert_allclose(with_blocks(info, kept, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
-    coloured = info._replace(meat=2.0 * A)
-    np.testing.assert_allclose(with_blocks(coloured, kept, inverse).meat[at], 2.0 * A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept_indices, inverse).meat, A, rtol=1e-10)
+    np.testing.assert_allclose(
+        with_blocks(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
+    )
+    np.testing.assert_allclose(with_blocks(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    coloured_info = info._replace(meat=2.0 * A)
+    np.testing.assert_allclose(
+        with_blocks(coloured_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
+    )
 
 
 def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out():
@@ -277,7 +281,7 @@ def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out(
 def test_the_noise_of_the_gyro_draws_neither_lever_nor_speed_towards_zero():
     off = []
     for seed in range(4):
-        file, run = driven(seed)
+        file, run = drive_seed(seed)
         fit = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
         at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
         off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.sd[at])

@@ -58,8 +58,8 @@ def by_hand(run, seed):
     """What a tape says at the end, good to a centimetre and two degrees."""
     rng = np.random.default_rng(seed)
     x, y, psi = run.truth.eta[-1]
-    far, turned = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
-    return f"end: {100.0 * far:.1f} cm, {turned:.1f} deg"
+    far, turn_deg = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
+    return f"end: {100.0 * far:.1f} cm, {turn_deg:.1f} deg"
 
 
 def steps(file, seconds, seed):
@@ -121,11 +121,11 @@ def with_mark_at(run, ahead, left, turned_rad):
 @pytest.mark.parametrize("turned_rad", [0.05, np.nan])
 def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad):
     small, mount = load("small"), {"lever_arm_m[0]": 0.06, "lever_arm_m[1]": -0.03, "heading_rad": turned_rad}
-    named = [f"sensors.truth.{key}" for key, value in mount.items() if np.isfinite(value)]
+    names = [f"sensors.truth.{key}" for key, value in mount.items() if np.isfinite(value)]
     run = with_mark_at(
         seen_by_camera(simulate(small, steps(small, 20.0, 1), 1), 1, 0.04), 0.06, -0.03, turned_rad
     )
-    fit = identify(run, small, [*USUAL, *named], use=("imu", "truth"), options=FitOptions(clocks=("truth",)))
+    fit = identify(run, small, [*USUAL, *names], use=("imu", "truth"), options=FitOptions(clocks=("truth",)))
     assert fit.verdict == "USABLE", fit.reasons
     for key, value in mount.items():
         if np.isfinite(value):
@@ -141,8 +141,8 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
     moved_run = with_mark_at(
         seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad
     )
-    judged = validate(fit, replace(moved_run, name="unseen"))
-    assert judged.verdict == "USABLE", judged.reasons
+    validation = validate(fit, replace(moved_run, name="unseen"))
+    assert validation.verdict == "USABLE", validation.reasons
 
 
 def test_the_place_of_a_mark_whose_velocity_is_known_is_found():

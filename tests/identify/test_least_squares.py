@@ -40,14 +40,14 @@ def test_a_decay_is_found_from_starts_that_are_five_times_off(x):
 @given(scale=st.floats(-9.0, 9.0))
 def test_the_unit_of_a_parameter_changes_nothing(scale):
     unit = np.array([1.0, 10.0**scale])
-    scaled = of(
+    scaled_cost = of(
         lambda x: x[0] * np.exp(-x[1] / unit[1] * T) - Z,
         lambda x: np.stack(
             [np.exp(-x[1] / unit[1] * T), -x[0] * T / unit[1] * np.exp(-x[1] / unit[1] * T)], axis=1
         ),
     )
     a = minimise(DECAY, np.array([1.0, 1.0]), *FREE)
-    b = minimise(scaled, np.array([1.0, 1.0]) * unit, *FREE)
+    b = minimise(scaled_cost, np.array([1.0, 1.0]) * unit, *FREE)
     assert a.evaluations == b.evaluations
     np.testing.assert_allclose(b.theta / unit, a.theta, rtol=1e-6)
 

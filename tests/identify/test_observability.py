@@ -10,7 +10,7 @@ from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
 
-def unseen(fit):
+def unseen_names(fit):
     return {row["name"].removeprefix("model.") for row in fit.rows() if row["observable"] == "no"}
 
 
@@ -18,8 +18,8 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fit = identify(simulate(case, u, 0), case)
     turning = {"friction.linear[2]", "friction.quadratic[2]"}
-    assert turning <= unseen(fit)
-    assert "friction.linear[0]" not in unseen(fit)
+    assert turning <= unseen_names(fit)
+    assert "friction.linear[0]" not in unseen_names(fit)
     assert np.max(np.abs(off(fit, case))) < 4.5
     notes = {note.subject: note for note in fit.unobservable}
     note = notes["model.friction.linear[2]"]
@@ -36,8 +36,8 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
 
 def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
-    fixed = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
-    fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed))
+    fixed_names = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
+    fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed_names))
     assert fit.blocks.model.friction.linear[2] == 500.553
     row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
     assert row["estimate"] is None
@@ -55,7 +55,7 @@ def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, dri
     )
     free = [f"model.{name}" for name in (*names, "friction.quadratic[1]")]
     fit = identify(driven(0, 20.0), case, free, options=FitOptions(start={"model.mass_kg": 1.6}))
-    assert unseen(fit) == {"mass_kg"}
+    assert unseen_names(fit) == {"mass_kg"}
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
     (collinear,) = fit.unobservable
@@ -97,7 +97,7 @@ def test_a_weak_parameter_is_kept_and_called_weak(case):
     u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     weak = [name for name, w in zip(fit.names, fit.weak, strict=True) if w]
-    assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen(fit))}
+    assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen_names(fit))}
     assert fit.verdict == "WARN"
 
 
@@ -136,8 +136,8 @@ def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(
 def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_reported(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
     collinear = [reason for reason in fit.unobservable if reason.code == "identifiability.tied"]
-    named = [f"{reason.subject}, {reason.figures['others']}" for reason in collinear]
-    assert any("drivetrain.dead_zone_forward[0]" in names for names in named)
+    labels = [f"{reason.subject}, {reason.figures['others']}" for reason in collinear]
+    assert any("drivetrain.dead_zone_forward[0]" in names for names in labels)
     motion = "forward commands just above the dead zone of the first motor"
     assert any(
         str(figure).startswith(motion)

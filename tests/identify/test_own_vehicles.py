@@ -30,7 +30,7 @@ OMNI = {"inertia_kg_m2": 0.031, "push": 4.2, "drag": 7.0, "rollers": 0.35}
 FINE = 5  # steps of the truth in a tick
 
 
-def recorded(file, u, z):
+def run_of(file, u, z):
     """A run of the commands u (N, n) and of what the file's only sensor said (N, m) at the end of each tick."""
     t_ns = np.round(np.arange(1, len(u) + 1) * 1e9 / file.rate_hz).astype(np.int64)
     (name,) = file.sensors._fields
@@ -57,29 +57,29 @@ def omni(duties, rate_hz, rng, m=2.0, R=0.14):
     h, nu, out = 1.0 / rate_hz / FINE, np.zeros(3), []
     rims = np.array([[-np.sin(a), np.cos(a), R] for a in np.radians([60.0, 180.0, 300.0])])
 
-    def pushed(nu, u):
+    def push(nu, u):
         rim = rims @ nu
         F = OMNI["push"] * u - OMNI["drag"] * rim - OMNI["rollers"] * np.tanh(rim / 0.05)
         return (F @ rims) / [m, m, OMNI["inertia_kg_m2"]]
 
     def nu_dot(nu, u):
-        return pushed(nu, u) + np.array([nu[2] * nu[1], -nu[2] * nu[0], 0.0])
+        return push(nu, u) + np.array([nu[2] * nu[1], -nu[2] * nu[0], 0.0])
 
     for u in duties:
         for _ in range(FINE):
             nu = nu + h * nu_dot(nu + 0.5 * h * nu_dot(nu, u), u)
-        out.append([*pushed(nu, u)[:2], nu[2]])
+        out.append([*push(nu, u)[:2], nu[2]])
     return np.array(out) + rng.standard_normal((len(duties), 3)) * [0.05, 0.05, 0.005]
 
 
 def of_axis(file, seed=0, seconds=8.0, u=None):
     u = random_steps([12.0], seconds, file.rate_hz, seed) if u is None else u
-    return recorded(file, u, carriage(u[:, 0], file.rate_hz, np.random.default_rng(seed)))
+    return run_of(file, u, carriage(u[:, 0], file.rate_hz, np.random.default_rng(seed)))
 
 
 def of_omni(file, seed=0, seconds=16.0, u=None):
     u = random_steps([0.7, 0.7, 0.7], seconds, file.rate_hz, seed) if u is None else u
-    return recorded(file, u, omni(u, file.rate_hz, np.random.default_rng(seed)))
+    return run_of(file, u, omni(u, file.rate_hz, np.random.default_rng(seed)))
 
 
 CASES = {"servo_axis": (of_axis, AXIS, "2x2"), "omni_robot": (of_omni, OMNI, "3x3")}

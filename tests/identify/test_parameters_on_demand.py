@@ -110,10 +110,10 @@ def test_a_motor_that_is_never_driven_to_its_end_has_its_limit_at_the_largest_co
 def test_friction_of_wheels_is_not_fitted_to_wheels_at_an_unknown_distance(small):
     from baqueano.errors import UsageError
 
-    lost = override(small, ["model.friction.track_m=0"])
+    without_track = override(small, ["model.friction.track_m=0"])
     run = simulate(small, random_steps(small.command.limit, 5.0, small.rate_hz, 1), 1)
     with pytest.raises(UsageError, check=of_code("parameter.no-track")):
-        identify(run, lost, [*USUAL, "model.friction.coulomb_forward"])
+        identify(run, without_track, [*USUAL, "model.friction.coulomb_forward"])
 
 
 CAR_USUAL = ["model.throttle_gain", "model.linear_drag", "model.steering_gain", "model.yaw_lag_s"]

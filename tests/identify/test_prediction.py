@@ -123,11 +123,11 @@ def test_the_innovations_are_those_of_filterpy(cart, gauss):
     assert np.allclose(of_cart(cart, run).innovations(AT)[0][:, 0], innovations, rtol=1e-9, atol=1e-9)
 
 
-def fisher_of(run, x, shown):
-    """The information (k, k) of the joint normal on the entries `shown` of x."""
+def fisher_of(run, x, rows_shown):
+    """The information (k, k) of the joint normal on the entries `rows_shown` of x."""
     _, cov = joint_normal(run, x)
     step, d_mean, d_cov = 1e-5 * np.maximum(np.abs(x), 0.1), [], []
-    for k in shown:
+    for k in rows_shown:
         ahead, behind = x.copy(), x.copy()
         ahead[k], behind[k] = x[k] + step[k], x[k] - step[k]
         (m1, c1), (m0, c0) = joint_normal(run, ahead), joint_normal(run, behind)
@@ -153,16 +153,16 @@ def test_the_noise_of_the_floor_is_as_unknown_as_the_drag(cart):
 
 
 def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(cart, gauss):
-    shown = [0, 1, 2, 3, 6]
+    rows_shown = [0, 1, 2, 3, 6]
     runs = [cart_run(cart, 7)]
-    (mean, cov), fisher = joint_normal(runs[0], AT), fisher_of(runs[0], AT, shown)
+    (mean, cov), fisher = joint_normal(runs[0], AT), fisher_of(runs[0], AT, rows_shown)
     root, rng, H = np.linalg.cholesky(cov), np.random.default_rng(0), np.zeros((5, 5))
     prediction, draws = of_cart(cart, runs[0]), 300
     z = slice(4, 5)
     for _ in range(draws):
-        drawn = 0.1 * (mean + root @ rng.standard_normal(len(mean)))[:, None]
-        prediction.simulation = prediction.simulation.with_columns(z, [drawn])
-        H += prediction.evaluate(AT).hessian[np.ix_(shown, shown)] / draws
+        drawn_z = 0.1 * (mean + root @ rng.standard_normal(len(mean)))[:, None]
+        prediction.simulation = prediction.simulation.with_columns(z, [drawn_z])
+        H += prediction.evaluate(AT).hessian[np.ix_(rows_shown, rows_shown)] / draws
     scale = np.sqrt(np.diagonal(fisher))
     assert np.allclose(H / np.outer(scale, scale), fisher / np.outer(scale, scale), atol=0.05)
 
@@ -182,15 +182,15 @@ def test_the_gradient_is_that_of_the_cost_over_two_runs_with_outliers(cart):
     for k in (0, 1, 2, 3, 4, 7):
         ahead, behind = x.copy(), x.copy()
         ahead[k], behind[k] = x[k] + 1e-6, x[k] - 1e-6
-        taken = (prediction.evaluate(ahead).cost - prediction.evaluate(behind).cost) / 2e-6
-        assert slope[k] == pytest.approx(taken, rel=1e-5, abs=1e-4)
+        slope_difference = (prediction.evaluate(ahead).cost - prediction.evaluate(behind).cost) / 2e-6
+        assert slope[k] == pytest.approx(slope_difference, rel=1e-5, abs=1e-4)
 
 
 def test_a_spike_moves_nothing_and_a_gap_is_not_a_measurement(cart):
-    clean, spiked, gap = (cart_run(cart, 5) for _ in range(3))
-    spiked.sensors["odometer"].z[20] = 1e6
+    clean, spiked_run, gap = (cart_run(cart, 5) for _ in range(3))
+    spiked_run.sensors["odometer"].z[20] = 1e6
     gap.sensors["odometer"].z[20] = np.nan
-    innovations = [of_cart(cart, run).innovations(AT)[0][:, 0] for run in (clean, spiked, gap)]
+    innovations = [of_cart(cart, run).innovations(AT)[0][:, 0] for run in (clean, spiked_run, gap)]
     assert innovations[2][20] == 0.0
     assert np.allclose(np.delete(innovations[1], 20), np.delete(innovations[2], 20), atol=1e-9)
     assert not np.allclose(innovations[0][21:25], innovations[2][21:25], atol=1e-3)

@@ -35,7 +35,7 @@ def interior_names(fit):
 
 
 @pytest.fixture(scope="module")
-def disturbed(case):
+def disturbed_fits(case):
     """Case study I on a floor that disturbs it, by both costs."""
     file = case.with_values({FLOOR: [0.03, 0.01, 0.03]})
     return file, [both(file, seed) for seed in SEEDS]
@@ -51,8 +51,8 @@ def test_over_a_still_floor_both_costs_say_the_same_and_the_simulation_is_believ
         assert np.all(second.estimate[-3:] < 0.005)
 
 
-def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_hold(disturbed):
-    file, fits = disturbed
+def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_hold(disturbed_fits):
+    file, fits = disturbed_fits
     names = interior_names(fits[0][0])
     z, errors = np.array(
         [[offs(fit, file, names) for fit in pair] for pair in fits]
@@ -65,20 +65,20 @@ def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_
         assert not fit.autocorrelated
 
 
-def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed):
-    file, fits = disturbed
+def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed_fits):
+    file, fits = disturbed_fits
     floor = [f"{FLOOR}[{i}]" for i in range(3)]
     for _, fit in fits:
         off, _ = offs(fit, file, floor)
         assert np.max(np.abs(off)) < 4.5
-    written = fits[0][1].vehicle_file
+    fitted_file = fits[0][1].vehicle_file
     k = fits[0][1].names.index(floor[0])
-    assert written.value(floor[0]) == pytest.approx(fits[0][1].estimate[k], rel=1e-6)
+    assert fitted_file.value(floor[0]) == pytest.approx(fits[0][1].estimate[k], rel=1e-6)
 
 
 @pytest.mark.long
-def test_one_sample_in_ten_may_be_an_outlier(disturbed):
-    file, fits = disturbed
+def test_one_sample_in_ten_may_be_an_outlier(disturbed_fits):
+    file, fits = disturbed_fits
     names = interior_names(fits[0][1])[:-3]
     clean, dirty = [], []
     noise = np.array([*file.sensors.imu.accel_noise_std, file.sensors.imu.gyro_noise_std])
@@ -122,9 +122,9 @@ def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
 
-def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed):
+def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed_fits):
     """The simulation's residuals are autocorrelated, and the likelihood of a moving floor says why."""
-    _, fits = disturbed
+    _, fits = disturbed_fits
     for first, second in fits:
         assert first.autocorrelated
         assert first.verdict == "USABLE", first.reasons

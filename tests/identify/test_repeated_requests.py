@@ -18,7 +18,7 @@ def end(case, driven):
 
 def fit_at_rest(run, case):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
         return identify(run, case, options=FitOptions(at_rest=True))
 
 
@@ -31,10 +31,10 @@ def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
     problem = problem.weighed(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
     np.testing.assert_array_equal(problem.predictions(theta)[0], h)
-    np.testing.assert_allclose(h, shown(problem, theta), atol=1e-9)
+    np.testing.assert_allclose(h, predictions(problem, theta), atol=1e-9)
 
 
-def shown(problem, theta):
+def predictions(problem, theta):
     """What the kernel says of the first piece, every reading being asked for."""
     rows = problem.rows[0].copy()
     rows[:, problem._weights] = 1.0
@@ -48,7 +48,7 @@ def test_predictions_are_there_where_no_reading_is(end, case, driven):
     few = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
     problem, theta = fit_at_rest(few, case).task.problem, end.search.solution.theta
     assert not problem.has[0].all()
-    np.testing.assert_allclose(problem.predictions(theta)[0], shown(problem, theta), atol=1e-9)
+    np.testing.assert_allclose(problem.predictions(theta)[0], predictions(problem, theta), atol=1e-9)
     np.testing.assert_allclose(
         problem.predictions(theta)[0], end.task.problem.predictions(theta)[0], atol=1e-9
     )

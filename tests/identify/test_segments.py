@@ -23,8 +23,8 @@ def test_pieces_hold_every_measurement_once(case, driven):
     assert len(pieces) == 5
     assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
     assert sum(p.sensors["imu"].has.sum() for p in pieces) == whole.sensors["imu"].has.sum()
-    kept = np.concatenate([p.t_s[p.lead :] for p in pieces])
-    np.testing.assert_array_equal(kept, whole.t_s)
+    times_kept = np.concatenate([p.t_s[p.lead :] for p in pieces])
+    np.testing.assert_array_equal(times_kept, whole.t_s)
 
 
 def test_a_piece_begins_before_its_first_measurement(case, driven):
@@ -58,24 +58,26 @@ def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
     for k, index in enumerate(layout.indices):
         J[20 * k : 20 * (k + 1), index] = rng.normal(size=(20, len(index)))
     A = J.T @ J
-    reduced, meat = without_starts(A, A, layout)
+    without_start, meat = without_starts(A, A, layout)
     starts = layout.starts
-    np.testing.assert_allclose(np.linalg.inv(reduced), np.linalg.inv(A)[:starts, :starts], rtol=1e-9)
-    np.testing.assert_allclose(meat, reduced, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.inv(without_start), np.linalg.inv(A)[:starts, :starts], rtol=1e-9)
+    np.testing.assert_allclose(meat, without_start, rtol=1e-9, atol=1e-12)
 
 
 def test_slopes_without_the_start_of_their_piece_have_the_information_without_starts():
     rng = np.random.default_rng(1)
     layout = ThetaLayout(3, 2, 2, (0, 0, 1))
-    A, reduced = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
+    A, without_start = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
     for index in layout.indices:
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
         A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)
         start = index >= layout.starts
         projected = slopes_without_start(d, w, start)
         np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, projected, d[..., start]), 0.0, atol=1e-12)
-        reduced[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, projected, projected)
-    np.testing.assert_allclose(reduced, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
+        without_start[np.ix_(index[~start], index[~start])] += np.einsum(
+            "tm,tmp,tmq->pq", w, projected, projected
+        )
+    np.testing.assert_allclose(without_start, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
 def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, driven, off):
@@ -120,7 +122,7 @@ def test_each_run_may_have_a_number_for_itself(case, driven):
 
 
 @pytest.fixture(scope="module")
-def filmed(small):
+def filmed_run(small):
     """A drive of the small vehicle whose camera's clock is 40 ms off, with a gyro that says too much."""
     from baqueano.identify import random_steps
 
@@ -135,9 +137,9 @@ def filmed(small):
     return replace(run, truth=TruthLog(t.t_ns[every] - 40_000_000, eta, none, none))
 
 
-def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed, small):
+def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed_run, small):
     fit = identify(
-        filmed,
+        filmed_run,
         small,
         ["model.actuator_matrix[2,2]", "model.friction.linear[2]", "sensors.imu.gyro_scale"],
         use=("imu", "truth"),

@@ -10,12 +10,12 @@ def test_rows_in_which_an_encoder_stands_do_not_make_the_noise_small():
     """Two thirds of the rows say 0 and so does the model, but for what is left of its start."""
     rng = np.random.default_rng(0)
     noise = rng.normal(scale=0.05, size=(3000, 1))
-    z, waited = 1.0 + noise, noise.copy()
-    z[:2000], waited[:2000, 0] = 0.0, 1e-5 * rng.normal(size=2000)
+    z, waiting = 1.0 + noise, noise.copy()
+    z[:2000], waiting[:2000, 0] = 0.0, 1e-5 * rng.normal(size=2000)
     has = [np.ones((3000, 1))]
     moving_only = spread([noise[2000:]], [np.ones((1000, 1))], np.zeros(1))
-    assert spread([waited], telling([waited], has, [z]), np.zeros(1)) == pytest.approx(moving_only)
-    assert spread([waited], has, np.zeros(1)) < 1e-4  # as it would be
+    assert spread([waiting], telling([waiting], has, [z]), np.zeros(1)) == pytest.approx(moving_only)
+    assert spread([waiting], has, np.zeros(1)) < 1e-4  # as it would be
     assert moving_only == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
 
 

@@ -48,13 +48,13 @@ def test_the_table_marks_what_the_rows_say(driven, case):
 
 
 def lines_of(
-    reasons: list[str], unseen: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
-    reported: bool = False,
+    reasons: list[str], unobservable: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
+    with_report: bool = False,
 ) -> list[str]:  # fmt: skip
     """The lines of codes without a template, which are their own sentences."""
-    fields = {"reasons": reasons, "unobservable": unseen, "never": never, "notes": notes}
+    fields = {"reasons": reasons, "unobservable": unobservable, "never": never, "notes": notes}
     by_field = {name: tuple(map(note, codes)) for name, codes in fields.items()}
-    return verdict_lines(SimpleNamespace(verdict=verdict, **by_field), reported)
+    return verdict_lines(SimpleNamespace(verdict=verdict, **by_field), with_report)
 
 
 WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight")
@@ -69,26 +69,28 @@ def test_however_much_is_to_be_said_a_screen_holds_it_and_tells_of_the_rest():
 
 def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
     many = list(WORDS)
-    on_request, written = (lines_of(many, [], [], [], reported=reported) for reported in (False, True))
-    assert on_request[:-1] == written[:-1]
+    on_request, in_report = (
+        lines_of(many, [], [], [], with_report=with_report) for with_report in (False, True)
+    )
+    assert on_request[:-1] == in_report[:-1]
     assert on_request[-1] == "and 3 more: --report fit.html shows all, with figures"
-    assert written[-1] == "and 3 more: the report shows all, with figures"
-    assert lines_of(["one"], [], [], [], reported=True) == ["WARN: one"]
+    assert in_report[-1] == "and 3 more: the report shows all, with figures"
+    assert lines_of(["one"], [], [], [], with_report=True) == ["WARN: one"]
 
 
-def coloured(i: int, **words: str):
+def coloured_note(i: int, **words: str):
     return note("any.coloured", Severity.WARNING, subject=f"imu[{i}]", percent=i + 2.5, **words)
 
 
 def test_what_is_reported_of_several_channels_is_reported_once():
     first = "any.coloured (percent = 2.5)"
-    assert grouped([coloured(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
-    assert grouped([coloured(0), coloured(0)]) == [f"{first} (2 times)"]
-    assert grouped([coloured(0, of_run="a"), coloured(0, of_run="b")]) == [f"a: {first} (2 times)"]
+    assert grouped([coloured_note(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
+    assert grouped([coloured_note(0), coloured_note(0)]) == [f"{first} (2 times)"]
+    assert grouped([coloured_note(0, of_run="a"), coloured_note(0, of_run="b")]) == [f"a: {first} (2 times)"]
 
 
 def test_what_differs_in_its_words_is_reported_by_itself():
-    differ = [coloured(0, needs="turns"), coloured(1, needs="speed")]
+    differ = [coloured_note(0, needs="turns"), coloured_note(1, needs="speed")]
     assert len(grouped(differ)) == len(grouped([note("any.one"), note("any.other")])) == 2
 
 

@@ -134,9 +134,9 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
     monkeypatch.chdir(tmp_path)
     small.save(tmp_path / "vehicle.toml")
     write_run(by_hand_log(), tmp_path / "turned.mcap")
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["runs", "calibrate", "turned.mcap", "--update", "--json"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     assert reply["verdict"] == "USABLE"
     file = load(tmp_path / "vehicle.toml")

@@ -52,8 +52,8 @@ def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
 
 
 def test_another_vehicle_is_not_explained(fit, small):
-    turned = -np.asarray(small.value("model.actuator_matrix"))
-    validation = validate(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
+    turned_matrix = -np.asarray(small.value("model.actuator_matrix"))
+    validation = validate(fit, run(small, 4, **{"model.actuator_matrix": turned_matrix.tolist()}))
     assert validation.verdict == "REFUSED"
     assert ("validation.worse-than-mean", "imu[2]", "run 4") in [
         (reason.code, reason.subject, reason.figures.get("run")) for reason in validation.reasons
@@ -150,8 +150,8 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
 
 
 def test_a_figure_that_says_nothing_is_not_reported_with_a_hundred_digits():
-    lost = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
-    table = Validation((lost, lost._replace(noise=1e-9)), (), (), (), "").table()
+    lost_figure = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
+    table = Validation((lost_figure, lost_figure._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table
     assert "below -100 %" in table
     assert "over 1000×" in table

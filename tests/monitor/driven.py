@@ -53,10 +53,10 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
     robot, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
     u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
     t_ns = times(len(u[0]), file.rate_hz)
-    shown = driven(robot.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
+    motion = driven(robot.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
     runs = []
     for k in range(count):
-        run = recorded(shown, k, u[k], file, f"{kind} {k}", k)
+        run = recorded(motion, k, u[k], file, f"{kind} {k}", k)
         runs.append(
             replace(run, sensors=run.sensors | {"wheels": _wheels(run, k)}) if kind == "wheels" else run
         )
@@ -81,7 +81,7 @@ def watch(
     return findings, sensors
 
 
-def damaged(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit: float = np.inf) -> Run:
+def damaged_run(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit: float = np.inf) -> Run:
     """Return the run with a fault from FROM_S on."""
     z, at, k = run.sensors[sensor].z.copy(), run.t_s >= FROM_S, list(numbers)
     first = int(np.argmax(at))

@@ -20,7 +20,7 @@ from baqueano.monitor.findings import (
     UNKNOWN,
     ZERO,
 )
-from tests.monitor.driven import FROM_S, damaged, drives, kind_of, watch
+from tests.monitor.driven import FROM_S, damaged_run, drives, kind_of, watch
 
 DRIVES = 3
 TOLD_S = 5.0
@@ -53,12 +53,12 @@ def test_a_sensor_that_is_off_is_named_and_never_the_model(kind, name, fault, lo
     sensor, number = name[:-3], int(name[-2])
     limit = getattr(getattr(kind_of(kind).file.sensors, sensor), "limit", np.full(3, np.inf))[number]
     for run in drives(kind, DRIVES):
-        bad = damaged(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
+        bad = damaged_run(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
         findings, sensors = watch(kind, bad)
-        begun, *later = [finding for finding in findings if finding.name == name]
-        told_s = 1e-9 * begun.t_ns - FROM_S
+        first_finding, *later = [finding for finding in findings if finding.name == name]
+        told_s = 1e-9 * first_finding.t_ns - FROM_S
         assert EVENT_S - 0.02 <= told_s <= TOLD_S
-        assert not begun.degraded
+        assert not first_finding.degraded
         assert {finding.off for finding in findings} <= {SENSOR, UNKNOWN}
         assert {finding.name for finding in findings} == {name}
         for worse in later:
@@ -79,7 +79,7 @@ def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagre
     """Wheels, gyro and model; without wheels a_y by ν_x ν_ψ. One of DRIVES may stay without a witness."""
     off = []
     for run in drives(kind, DRIVES):
-        findings, _ = watch(kind, damaged(run, name[:-3], [int(name[-2])], fault))
+        findings, _ = watch(kind, damaged_run(run, name[:-3], [int(name[-2])], fault))
         off += [finding.off for finding in findings if finding.degraded and finding.name == name][:1]
     assert len(off) == DRIVES
     assert off.count(SENSOR) >= DRIVES - 1

@@ -20,8 +20,8 @@ def test_refusals_are_counted_by_number():
     z = run.sensors["imu"].z.copy()
     z[200:1200:100, 2] += 8.0  # ten spikes of the gyro, alone
     z[1500, 1] = np.nan
-    spiked = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
-    _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked))
+    spiked_sensors = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
+    _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked_sensors))
     assert [refusal.name for refusal in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
     assert [refusal.refused for refusal in sensors.refusals] == [0, 0, 10]
     assert counted(sensors.refusals).figures["imu[2].refused"] == 10

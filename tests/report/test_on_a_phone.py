@@ -31,8 +31,8 @@ def lines_of(svg):
 
 def test_a_figure_is_drawn_again_as_narrow_as_a_phone_with_the_same_words():
     t = np.linspace(0.0, 10.0, 50)
-    drawn = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
-    wide, narrow = drawn.split("<svg")[1:]
+    drawing = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
+    wide, narrow = drawing.split("<svg")[1:]
     width = float(re.search(r'width="([\d.]+)pt"', narrow)[1])
     assert width == pytest.approx(NARROW_IN * POINTS_PER_IN, rel=0.01)
     assert 9.0 * PHONE_PX / width >= LEAST_PX

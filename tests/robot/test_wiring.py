@@ -43,7 +43,7 @@ def of(name, channel=0):
     return pins[channel]
 
 
-def drawn(bridge):
+def drawing_of(bridge):
     """(kind, from, to, points) of each wire in the file."""
     tree = ElementTree.parse(ROOT / "docs" / bridge.file)
     for path in tree.iter("{http://www.w3.org/2000/svg}path"):
@@ -53,9 +53,9 @@ def drawn(bridge):
             yield path.get("data-kind"), path.get("data-from"), path.get("data-to"), points
 
 
-def joined(bridge):
+def ends_by_net(bridge):
     """From a pin of the Uno to what it goes to, resistors and supply left out."""
-    pairs = [(a, b) for kind, a, b, _ in drawn(bridge) if kind not in {"ground", "five", "usb"}]
+    pairs = [(a, b) for kind, a, b, _ in drawing_of(bridge) if kind not in {"ground", "five", "usb"}]
     return {a.removeprefix("Uno "): b for a, b in pairs if a.startswith("Uno ") and "10k" not in b}
 
 
@@ -69,7 +69,7 @@ def test_the_drawing_is_the_one_the_script_gives(bridge):
 
 @EITHER
 def test_the_motors_hang_on_the_pins_that_the_firmware_moves(bridge):
-    ends = joined(bridge)
+    ends = ends_by_net(bridge)
     assert [ends[of("pwm", k)] for k in (0, 1)] == [f"bridge {name}" for name in bridge.pwm]
     inputs = [of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2)]
     assert [ends[pin] for pin in inputs] == [f"bridge {name}" for name in bridge.direction]
@@ -78,7 +78,7 @@ def test_the_motors_hang_on_the_pins_that_the_firmware_moves(bridge):
 
 @EITHER
 def test_encoders_and_mark_hang_on_the_pins_that_the_firmware_reads(bridge):
-    ends = joined(bridge)
+    ends = ends_by_net(bridge)
     order = re.search(r"A left, A right, B left, B right from (.*)\.", BOARD_C)[1].split(", ")
     assert [ends[pin] for pin in order] == [f"encoder, {s} {c}" for c in "AB" for s in ("left", "right")]
     assert ends[of("mark")] == "lap mark sensor OUT"
@@ -95,7 +95,7 @@ def test_the_table_of_the_header_is_what_the_program_does():
 
 @EITHER
 def test_fw3_every_pin_that_lets_a_motor_run_is_held_low_while_the_uno_starts(bridge):
-    low_pins = {a for _, a, b, _ in drawn(bridge) if b.startswith("10k of")}
+    low_pins = {a for _, a, b, _ in drawing_of(bridge) if b.startswith("10k of")}
     assert low_pins == {
         f"Uno {pin}"
         for pin in (of("pwm"), of("pwm", 1), of("standby"))
@@ -110,7 +110,7 @@ def test_a_header_without_its_table_is_refused():
 
 def stretches(bridge):
     """The straight parts of all wires, each with its wire's number."""
-    for number, (_, _, _, points) in enumerate(drawn(bridge)):
+    for number, (_, _, _, points) in enumerate(drawing_of(bridge)):
         for a, b in pairwise(points):
             yield number, min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
 

@@ -160,10 +160,10 @@ class Lab:
         return import_run(self.save(**format))
 
     def refused(self, message, **format):
-        with pytest.raises(FileError, match=message) as caught:
+        with pytest.raises(FileError, match=message) as error_info:
             self.run(**format)
-        assert "\n" not in str(caught.value)
-        return str(caught.value)
+        assert "\n" not in str(error_info.value)
+        return str(error_info.value)
 
     def codes(self, **format):
         return [d.code for d in self.run(**format).doubts]

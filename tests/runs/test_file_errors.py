@@ -28,9 +28,9 @@ from tests.codes import refused
 def test_a_foreign_file_is_named(tmp_path, data, code):
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
-    with refused(code, FileError, path=str(path)) as caught:
+    with refused(code, FileError, path=str(path)) as error_info:
         read_run(path)
-    assert caught.value.exit_code == 3
+    assert error_info.value.exit_code == 3
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path):

@@ -38,14 +38,14 @@ def refusal(tmp_path, data, name="log.csv"):
     (tmp_path / "log.toml").write_text(MAP.replace("FILE", name), encoding="utf-8")
     tracemalloc.start()
     try:
-        with pytest.raises(FileError) as caught:
+        with pytest.raises(FileError) as error_info:
             import_run(tmp_path / "log.toml")
         assert tracemalloc.get_traced_memory()[1] <= memory_limit.allowed(len(data))
     finally:
         tracemalloc.stop()
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 1000
-    return str(caught.value)
+    assert "\n" not in str(error_info.value)
+    assert len(str(error_info.value)) < 1000
+    return str(error_info.value)
 
 
 @pytest.mark.parametrize(
@@ -134,10 +134,10 @@ def test_a_route_that_would_fill_the_memory_is_refused(tmp_path):
 )
 def test_a_map_that_no_person_wrote_has_a_message(tmp_path, text, message):
     (tmp_path / "map.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         load_map(tmp_path / "map.toml")
-    assert message in str(caught.value)
-    assert len(str(caught.value)) < 1000
+    assert message in str(error_info.value)
+    assert len(str(error_info.value)) < 1000
 
 
 def test_a_recording_with_points_and_blanks_is_still_no_map(tmp_path):
@@ -152,21 +152,23 @@ def test_a_run_whose_vehicle_file_is_nested_without_end_is_recovered(run, tmp_pa
     assert read_run(recover(path).path) == run
 
 
-def ros1(compression, packed):
+def ros1(compression, payload):
     def part(name, value):
         return struct.pack("<I", len(name) + 1 + len(value)) + name + b"=" + value
 
     head = (
         part(b"op", b"\5") + part(b"compression", compression) + part(b"size", struct.pack("<I", 2**31 - 1))
     )
-    return b"#ROSBAG V2.0\n" + struct.pack("<I", len(head)) + head + struct.pack("<I", len(packed)) + packed
+    return b"#ROSBAG V2.0\n" + struct.pack("<I", len(head)) + head + struct.pack("<I", len(payload)) + payload
 
 
-def mcap(compression, packed):
+def mcap(compression, payload):
     body = (
-        struct.pack("<QQQII", 0, 0, 2**31, 0, len(compression)) + compression + struct.pack("<Q", len(packed))
+        struct.pack("<QQQII", 0, 0, 2**31, 0, len(compression))
+        + compression
+        + struct.pack("<Q", len(payload))
     )
-    return b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body) + len(packed)) + body + packed
+    return b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body) + len(payload)) + body + payload
 
 
 @pytest.mark.parametrize(

@@ -24,12 +24,12 @@ def test_a_clean_recording_raises_no_doubt(lab):
 
 def test_an_imported_run_survives_the_disk_with_its_map(lab, tmp_path):
     run = lab.run().run
-    read = read_run(write_run(run, tmp_path / "0001-import.mcap"))
-    assert read == run
-    assert read.metadata["kind"] == "import"
-    assert read.metadata["map_text"] == lab.map
-    assert read.metadata["files"] == "board.csv, camera.csv"
-    assert read.events[0].text.startswith("no command yet: 1 ticks before the first command")
+    read_back = read_run(write_run(run, tmp_path / "0001-import.mcap"))
+    assert read_back == run
+    assert read_back.metadata["kind"] == "import"
+    assert read_back.metadata["map_text"] == lab.map
+    assert read_back.metadata["files"] == "board.csv, camera.csv"
+    assert read_back.events[0].text.startswith("no command yet: 1 ticks before the first command")
 
 
 def test_a_command_until_its_time_is_one_tick_earlier_than_one_from_its_time(lab):
@@ -72,13 +72,13 @@ def test_rows_are_chosen_and_held_ones_left_out(lab):
 
 
 @pytest.mark.parametrize(
-    ("limits", "kept"), [("{ min = 1.0 }", 1450), ("{ max = 0.99 }", 50), ("{ not = 0.0 }", 1499)]
+    ("limits", "count"), [("{ min = 1.0 }", 1450), ("{ max = 0.99 }", 50), ("{ not = 0.0 }", 1499)]
 )
-def test_where_takes_limits(lab, limits, kept):
+def test_where_takes_limits(lab, limits, count):
     lab.edit('path = "board.csv"', f'path = "board.csv"\nwhere = {{ t = {limits} }}').edit(
         "start_ns = 1000", "start_ns = 2000"
     )
-    assert len(lab.run().run.sensors["imu"].t_ns) == kept
+    assert len(lab.run().run.sensors["imu"].t_ns) == count
 
 
 def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):

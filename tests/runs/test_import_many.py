@@ -322,8 +322,8 @@ def test_runs_are_named_by_numbers_patterns_and_folders(desk, make_run):
 def test_a_part_that_names_another_folder_is_written_into_the_folder_that_was_asked_for(desk, monkeypatch):
     monkeypatch.chdir(desk.folder)
     log, by_map = desk.file("log.csv", ["x/../../../out", "\x1b[2Jb"]), desk.map(SPLIT)
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["runs", "import", str(by_map), str(log), "-o", "here/deep"])
-    assert not ended.value.code
+    assert not exit_info.value.code
     files = sorted(str(path.relative_to(desk.folder)) for path in desk.folder.rglob("*.mcap"))
     assert files == ["here/deep/log-[2Jb.mcap", "here/deep/log-x......out.mcap"]

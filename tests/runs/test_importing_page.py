@@ -28,9 +28,9 @@ def of_page(kind, which=0):
 
 
 def run_line(line):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(shlex.split(line)[1:])
-    assert ended.value.code in (0, None)
+    assert exit_info.value.code in (0, None)
 
 
 def trials(vehicle):
@@ -88,7 +88,7 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(folder, capsys):
     for line in of_page("sh", 2).splitlines():
         run_line(line)
     replayed, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
-    errors = [judged.ate_m for judged in compare([replayed, reckoned]).runs]
+    errors = [comparison.ate_m for comparison in compare([replayed, reckoned]).runs]
     assert errors[0] < 0.03
     assert errors[0] < errors[1]
     assert Path("replayed.html").is_file()

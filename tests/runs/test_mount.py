@@ -72,10 +72,10 @@ def recording(tmp_path_factory):
     return folder, run
 
 
-def typed(*words):
-    with pytest.raises(SystemExit) as ended:
+def exit_code(*words):
+    with pytest.raises(SystemExit) as exit_info:
         main(list(words))
-    return ended.value.code
+    return exit_info.value.code
 
 
 def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_body(
@@ -85,9 +85,9 @@ def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_b
     monkeypatch.chdir(tmp_path)
     for path in folder.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    assert typed("runs", "import", "filmed.toml", "-o", "first.mcap") == 0
+    assert exit_code("runs", "import", "filmed.toml", "-o", "first.mcap") == 0
     words = ["--vehicle", "car", "--map", "filmed.toml"]
-    assert typed("runs", "calibrate", "first.mcap", *words) == 0
+    assert exit_code("runs", "calibrate", "first.mcap", *words) == 0
     text = (tmp_path / "filmed.toml").read_text(encoding="utf-8")
     mount = tomllib.loads(text)["truth"]
     assert "# a camera above the floor" in text
@@ -101,11 +101,11 @@ def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_b
     )
     assert np.hypot(*off.T).mean() < 0.01, "7 cm before"
     capsys.readouterr()
-    assert typed("runs", "calibrate", "first.mcap", *words) == 2
+    assert exit_code("runs", "calibrate", "first.mcap", *words) == 2
     assert "Import the run again, and calibrate that" in capsys.readouterr().err
-    assert typed("runs", "import", "filmed.toml", "-o", "second.mcap") == 0
+    assert exit_code("runs", "import", "filmed.toml", "-o", "second.mcap") == 0
     capsys.readouterr()
-    assert typed("runs", "calibrate", "second.mcap", "--vehicle", "car", "--json") == 0
+    assert exit_code("runs", "calibrate", "second.mcap", "--vehicle", "car", "--json") == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
     assert rows["clock.truth"]["value"] == pytest.approx(0.0, abs=0.002)
     assert rows["mark.x_m"]["value"] == pytest.approx(0.075, abs=0.006)  # the origin, ahead of the rear axle

@@ -28,7 +28,7 @@ def car(rate: float, seconds: float = 30.0) -> dict[str, np.ndarray]:
     return {"t": t, "throttle": throttle, "servo": servo, "ax": a_x, "ay": a_y, "gz": gyro, "v": v}
 
 
-def imported(
+def import_message(
     tmp_path, hz: float = 10.0, odometer: bool = False, change: dict[str, Any] | None = None, **units: str
 ):
     columns = car(hz)
@@ -65,8 +65,8 @@ z = [ {{ column = "ax", unit = "{texts["acceleration"]}" }}, {{ column = "ay", u
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("odometer", [True, False])
 def test_a_sound_recording_of_a_car_is_not_doubted(tmp_path, rate, odometer):
-    assert "warning" not in imported(tmp_path, rate, odometer)
-    assert "write" not in imported(tmp_path, rate, odometer)
+    assert "warning" not in import_message(tmp_path, rate, odometer)
+    assert "write" not in import_message(tmp_path, rate, odometer)
 
 
 SCALED = {
@@ -81,28 +81,28 @@ SCALED = {
 @pytest.mark.parametrize("mistake", SCALED)
 def test_a_sensor_in_another_unit_is_reported_where_a_speed_is_known(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
-    assert line in imported(tmp_path, rate, True, change, **units)
+    assert line in import_message(tmp_path, rate, True, change, **units)
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("mistake", ["accelerometer in g", "gyro in deg/s", "gyro is SI"])
 def test_and_by_what_a_sensor_does_at_rest_and_in_curves_where_none_is(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
-    assert line in imported(tmp_path, rate, False, change, **units)
+    assert line in import_message(tmp_path, rate, False, change, **units)
 
 
 def test_a_gyro_in_degrees_is_reported_though_it_turns_slowly(tmp_path):
-    message = imported(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
+    message = import_message(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
     assert "before the first command; small gyros have less noise" in message
     assert 'write unit = "deg/s"' in message
-    spins = imported(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
+    spins = import_message(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
     assert "2.4 turns a second" in spins
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize(("factor", "time_unit"), [(1e3, "ms"), (1e6, "us")])
 def test_milliseconds_and_microseconds_for_seconds_are_reported(tmp_path, rate, factor, time_unit):
-    assert f'time_unit = "{time_unit}"' in imported(tmp_path, rate, change={"t": lambda t: factor * t})
+    assert f'time_unit = "{time_unit}"' in import_message(tmp_path, rate, change={"t": lambda t: factor * t})
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
@@ -110,18 +110,18 @@ def test_milliseconds_and_microseconds_for_seconds_are_reported(tmp_path, rate, 
     ("factor", "time_unit", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")]
 )
 def test_id2_any_unit_of_time_for_another_is_reported(tmp_path, rate, factor, time_unit, true):
-    message = imported(tmp_path, rate, change={"t": lambda t: factor * t}, time=time_unit)
+    message = import_message(tmp_path, rate, change={"t": lambda t: factor * t}, time=time_unit)
     assert f'time_unit = "{true}"' in message
 
 
 @pytest.mark.parametrize("rate", [1.0, 0.5])
 def test_of_a_slow_log_the_unit_is_reported_by_how_long_it_would_last(tmp_path, rate):
     """In µs thirty rows would last 30 ms, and no recording of a vehicle is that short."""
-    assert 'time_unit = "ms"' in imported(tmp_path, rate, change={"t": lambda t: 1e3 * t})
+    assert 'time_unit = "ms"' in import_message(tmp_path, rate, change={"t": lambda t: 1e3 * t})
 
 
 def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_not_a_nonsense(tmp_path):
-    message = imported(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
+    message = import_message(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
     assert "a tick lasts 1 s" in message
     assert 'time_unit = "ms"' in message
 
@@ -141,7 +141,7 @@ def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_
 def test_a_command_in_another_unit_is_reported_by_the_full_scale_of_the_whole_vehicle(
     tmp_path, convert, unit, line
 ):
-    message = imported(tmp_path, change={"throttle": convert, "servo": convert}, duty=unit)
+    message = import_message(tmp_path, change={"throttle": convert, "servo": convert}, duty=unit)
     assert message.startswith("refused")
     assert line in message
 
@@ -154,7 +154,7 @@ def test_the_line_for_a_command_is_taken_by_the_import_that_asks_for_it(tmp_path
     def commanded(**units):
         at = {name: largest / np.max(np.abs(car(10.0)[name])) for name in ("throttle", "servo")}
         change = {"throttle": lambda u: 0.7 * at["throttle"] * u, "servo": lambda u: at["servo"] * u}
-        return imported(tmp_path, change=change, **units)
+        return import_message(tmp_path, change=change, **units)
 
     message, physical = commanded(duty=duty), largest < 3.0
     assert message.startswith("refused") == (duty == "1" or physical)
@@ -169,13 +169,13 @@ def test_the_line_for_a_command_is_taken_by_the_import_that_asks_for_it(tmp_path
 
 
 def test_a_throttle_that_is_a_part_beside_a_servo_in_per_cent_is_reported(tmp_path):
-    message = imported(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
+    message = import_message(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
     assert "(throttle) reaches 0.00" in message
     assert 'write unit = "1"' in message
 
 
 def test_a_cure_of_several_entries_is_reported_once(tmp_path):
-    message = imported(tmp_path, change={"throttle": lambda u: 250.0 * u, "servo": lambda u: 250.0 * u})
+    message = import_message(tmp_path, change={"throttle": lambda u: 250.0 * u, "servo": lambda u: 250.0 * u})
     assert message.count("0.00392157") == 1
     assert "(throttle)" in message
     assert "(servo)" in message
@@ -185,6 +185,6 @@ def test_many_doubts_of_a_kind_are_one_line(tmp_path):
     def with_gaps(t: np.ndarray) -> np.ndarray:
         return t + 0.3 * (np.arange(len(t)) // 20)
 
-    message = imported(tmp_path, change={"t": with_gaps})
+    message = import_message(tmp_path, change={"t": with_gaps})
     assert message.count("gap ") == 1
     assert "(and 13 more such)" in message

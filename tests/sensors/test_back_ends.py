@@ -72,13 +72,13 @@ def flat(tree) -> np.ndarray:
     return np.ravel(np.asarray(tree, dtype=float))
 
 
-def moved(motion: Motion, k: int) -> Motion:
-    tick = motion.tick and tuple(moved(part, k) for part in motion.tick)
+def moved_motion(motion: Motion, k: int) -> Motion:
+    tick = motion.tick and tuple(moved_motion(part, k) for part in motion.tick)
     return Motion(*(leaf[k] for leaf in motion[:4]), tick)
 
 
 def at(inputs: Input, k: int) -> Input:
-    return Input(moved(inputs.motion, k), inputs.dt_s[k], inputs.noise[k])
+    return Input(moved_motion(inputs.motion, k), inputs.dt_s[k], inputs.noise[k])
 
 
 @names
@@ -123,13 +123,15 @@ def test_every_parameter_of_the_belief_in_an_imu_can_be_derived():
     paths += ["lever_arm_m[0]", "lever_arm_m[1]", "tilt_rad[0]", "tilt_rad[1]", "temperature_c"]
     paths += ["accel_temperature_slope[1]", "gyro_temperature_slope"]
     start = np.array([float(get(IMU, path)) for path in paths])
-    moved = Motion(np.zeros(3), np.array([0.4, -0.1, 2.0]), np.array([0.5, 0.3, -1.0]), np.array([0.1, -0.2]))
+    motion_ = Motion(
+        np.zeros(3), np.array([0.4, -0.1, 2.0]), np.array([0.5, 0.3, -1.0]), np.array([0.1, -0.2])
+    )
 
     def h(values):
         imu = IMU
         for path, value in zip(paths, values, strict=True):
             imu = put(imu, path, value)
-        return imu.h(moved)
+        return imu.h(motion_)
 
     slope = jacobian(h)(start)
     assert slope == pytest.approx(differences(h, start), abs=1e-7, rel=1e-7)

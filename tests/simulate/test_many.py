@@ -87,12 +87,12 @@ def test_draws_have_the_covariance_of_the_fit_and_stay_in_bounds(vehicle):
     cov[0, 1] = cov[1, 0] = 1e-3
     vehicle.parameter_cov = ParameterCov(names, cov)
     system = System(vehicle.vehicle, vehicle.sensors)
-    paths, theta, clipped = drawn(vehicle, system, 4000, seed=1)
+    paths, theta, clip_count = drawn(vehicle, system, 4000, seed=1)
     assert paths == (names[0], names[1], names[3])
     np.testing.assert_allclose(theta[:, :2].mean(axis=0), [0.61, 1.5], atol=4.5 * 0.2 / 63)
     np.testing.assert_allclose(np.cov(theta[:, :2].T), cov[:2, :2], rtol=4.5 / 30)
     assert theta[:, 2].min() == 0.0  # friction is never negative: half of the draws about 0
-    assert 1800 < clipped < 2200
+    assert 1800 < clip_count < 2200
 
 
 def test_draws_are_simulated(vehicle):

@@ -30,14 +30,14 @@ def test_the_pose_that_is_known_is_that_of_the_world():
 
 def test_a_route_begins_where_a_robot_of_the_truth_does():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
-    moved = from_origin(route)
-    np.testing.assert_allclose(moved.eta[0], 0.0, atol=1e-12)
-    lengths = [np.hypot(*np.diff(path.eta[:, :2], axis=0).T).sum() for path in (route, moved)]
+    moved_route = from_origin(route)
+    np.testing.assert_allclose(moved_route.eta[0], 0.0, atol=1e-12)
+    lengths = [np.hypot(*np.diff(path.eta[:, :2], axis=0).T).sum() for path in (route, moved_route)]
     assert lengths[0] == pytest.approx(lengths[1])
-    np.testing.assert_allclose(np.diff(moved.eta[:, 2]), np.diff(route.eta[:, 2]), atol=1e-12)
+    np.testing.assert_allclose(np.diff(moved_route.eta[:, 2]), np.diff(route.eta[:, 2]), atol=1e-12)
 
 
-def result(best: float, bound: tuple[str, ...] = (), stopped: str = "", drives: int = 10) -> Controllers:
+def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives: int = 10) -> Controllers:
     """Ten drives of the paper's PD and of one with `best` times its error."""
     rng, driven = np.random.default_rng(0), []
     for label, part in (("pd", 1.0), ("mine", best)):
@@ -46,7 +46,7 @@ def result(best: float, bound: tuple[str, ...] = (), stopped: str = "", drives: 
             pieces = {"across_rms_m": Pieces((1000.0 * e * e,), (1000.0,))}
             driven.append(
                 SweepDrive(
-                    SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stopped
+                    SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stop_code
                 )
             )
     result_of = SweepResult(tuple(driven), 0, "pd")
@@ -61,7 +61,7 @@ def test_the_verdict_is_by_code():
     assert (result(0.2).verdict, result(0.2).reasons) == (Verdict.USABLE, ())
     assert [reason.code for reason in result(0.5).reasons] == ["study.not-a-third"]
     assert [reason.code for reason in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
-    assert [reason.code for reason in result(0.2, stopped="stop.room").reasons] == ["study.stopped"] * 2
+    assert [reason.code for reason in result(0.2, stop_code="stop.room").reasons] == ["study.stopped"] * 2
     assert [reason.code for reason in result(0.2, drives=4).reasons] == ["study.no-interval"]
     assert result(0.2, drives=4).verdict == Verdict.CANNOT_TELL
     row = result(0.2).rows()[1]

@@ -33,13 +33,11 @@ def demo_of(names, estimate, sd) -> Demo:
 
 def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
     truth = load("small")
-    guessed = truth.with_values(GUESS)
+    guess = truth.with_values(GUESS)
     project = guess_of("small")
     for key in GUESS:
-        np.testing.assert_array_equal(
-            project.value(key), guessed.value(key), err_msg=f"{key} of a new project"
-        )
-        assert not np.array_equal(guessed.value(key), truth.value(key)), (
+        np.testing.assert_array_equal(project.value(key), guess.value(key), err_msg=f"{key} of a new project")
+        assert not np.array_equal(guess.value(key), truth.value(key)), (
             f"{key}: the demo would know the answer"
         )
 

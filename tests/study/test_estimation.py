@@ -116,7 +116,7 @@ def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
     assert inside >= 174
 
 
-def made(ratio):
+def outcome_of(ratio):
     """Ten blocks in which the estimate is `ratio` times as far off as the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
     ratio_blocks = Beside(ratio**2 * blocks, blocks, np.ones(10))
@@ -133,20 +133,20 @@ def made(ratio):
 
 
 def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets_them():
-    assert EstimationStudy((made(0.6),)).verdict == "USABLE"
-    worse = EstimationStudy((made(0.6), made(1.2)._replace(recording="there")))
+    assert EstimationStudy((outcome_of(0.6),)).verdict == "USABLE"
+    worse = EstimationStudy((outcome_of(0.6), outcome_of(1.2)._replace(recording="there")))
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
     flags = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
     assert flags == [True] * len(QUANTITIES)
-    assert not EstimationStudy((made(0.8),)).pooled()[0][
+    assert not EstimationStudy((outcome_of(0.8),)).pooled()[0][
         "ok"
     ]  # with an odometer the speed is to be 0.7 of the model's
-    assert joined([made(0.6).errors[SPEED], made(0.6).errors[SPEED]]).samples.sum() == 20
+    assert joined([outcome_of(0.6).errors[SPEED], outcome_of(0.6).errors[SPEED]]).samples.sum() == 20
 
 
 def test_a_fit_that_is_refused_is_shown_and_not_counted():
-    bad = made(3.0)._replace(recording="there", fit="REFUSED")
-    study = EstimationStudy((made(0.6), bad))
+    bad = outcome_of(3.0)._replace(recording="there", fit="REFUSED")
+    study = EstimationStudy((outcome_of(0.6), bad))
     assert study.verdict == "USABLE"
     assert {row["ok"] for row in study.rows() if row["recording"] == "there"} == {None}
     assert study.pooled()[0]["value"] == pytest.approx(0.6)
@@ -154,7 +154,7 @@ def test_a_fit_that_is_refused_is_shown_and_not_counted():
 
 
 def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
-    study = EstimationStudy((made(1.2),))
+    study = EstimationStudy((outcome_of(1.2),))
     monkeypatch.setattr(room, "estimation", lambda *_: study)
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--json"])
@@ -200,11 +200,11 @@ def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_r
 
 
 def test_the_share_that_is_not_worse_counts_what_was_fitted():
-    good, bad = made(0.6), made(1.2)
-    refused = made(3.0)._replace(fit="REFUSED")
+    good, bad = outcome_of(0.6), outcome_of(1.2)
+    refused_outcome = outcome_of(3.0)._replace(fit="REFUSED")
     outcomes = [
         simulated.SimulatedOutcome(k, "slope", (outcome,), "")
-        for k, outcome in enumerate((good, bad, refused))
+        for k, outcome in enumerate((good, bad, refused_outcome))
     ]
     rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
     assert rows["speed, not worse"]["value"] == 0.5
@@ -214,7 +214,7 @@ def test_the_share_that_is_not_worse_counts_what_was_fitted():
 
 
 def test_each_vehicle_has_rows_for_machines_and_none_in_the_table():
-    outcomes = [simulated.SimulatedOutcome(0, "slope", (made(0.6), made(1.2)), "")]
+    outcomes = [simulated.SimulatedOutcome(0, "slope", (outcome_of(0.6), outcome_of(1.2)), "")]
     rows = simulated.each_vehicle(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]
     study = EstimationStudy((), tuple(simulated.rows(outcomes)), tuple(rows))

@@ -42,14 +42,14 @@ def test_a_row_tells_how_many_times_better_and_where_another_is_better():
 
 
 @pytest.mark.parametrize(
-    ("made", "message"),
+    ("errors_of_design", "message"),
     [
         (draw_robots(0.019), "1.05 times better than random steps, not 1.5"),
         (draw_robots(0.01)._replace(seconds=11.0), "took 11.0 s, more than a sixth of 60 s"),
     ],
 )
-def test_what_a_design_does_not_reach_is_reported(made, message):
-    rows = rows_of("all", "", {"designed": made, "random_steps": draw_robots(0.02)})
+def test_what_a_design_does_not_reach_is_reported(errors_of_design, message):
+    rows = rows_of("all", "", {"designed": errors_of_design, "random_steps": draw_robots(0.02)})
     assert message in Experiments(tuple(rows), 60.0).reasons[0]
 
 

@@ -32,18 +32,18 @@ from baqueano.sweep.workers import spread_over
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
 
 
-def made(case="clean", verdict="USABLE", reasons=(), sd=1.0, off=0.0, seed=0, met=True):
+def outcome_of(case="clean", verdict="USABLE", reasons=(), sd=1.0, off=0.0, seed=0, within_limits=True):
     """An outcome whose errors are drawn, in bounds of 0.01, its standard errors `sd` bounds."""
     truth, rng = np.array([3.0, 0.05]), np.random.default_rng(seed)
     estimate = truth + 0.01 * (off + rng.normal(size=2))
     bound = np.full(2, 0.01 if case in ("clean", "rough") else np.nan)
     return TrialOutcome(
-        case, seed, NAMES, truth, estimate, np.full(2, 0.01 * sd), bound, verdict, reasons, met
+        case, seed, NAMES, truth, estimate, np.full(2, 0.01 * sd), bound, verdict, reasons, within_limits
     )
 
 
 def study_of(count=200, **options):
-    return Identification(tuple(made(seed=k, **options) for k in range(count)), count)
+    return Identification(tuple(outcome_of(seed=k, **options) for k in range(count)), count)
 
 
 @pytest.mark.parametrize("path", sorted(robot_values(trials.robot(0))))
@@ -117,9 +117,9 @@ def test_one_robot_is_fitted_and_the_fit_is_not_wrong(case):
 def test_a_bias_that_walks_counts_by_its_mean():
     robot = trials.robot(0)
     imu = robot.imu.changed(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
-    shown = driven(robot.changed(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
-    assert np.all(np.abs(shown.wandered) > 1e-3)
-    np.testing.assert_allclose((shown.z - shown.quiet).mean(axis=0), shown.wandered)
+    motion = driven(robot.changed(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
+    assert np.all(np.abs(motion.wandered) > 1e-3)
+    np.testing.assert_allclose((motion.z - motion.quiet).mean(axis=0), motion.wandered)
 
 
 def test_robots_are_those_that_the_study_describes():
@@ -176,7 +176,9 @@ def test_the_page_holds_table_and_figures():
 
 def test_an_interrupted_study_goes_on_from_what_was_kept(tmp_path, monkeypatch):
     calls = []
-    monkeypatch.setattr(result, "work", lambda job: calls.append(job.seeds) or [made(seed=job.seeds[0])])
+    monkeypatch.setattr(
+        result, "work", lambda job: calls.append(job.seeds) or [outcome_of(seed=job.seeds[0])]
+    )
     for seeds in (8, 16):
         study = identification(seeds, cases=("clean",), keep=tmp_path / "kept")
     assert [seeds[0] for seeds in calls] == [0, 8]
@@ -186,9 +188,9 @@ def test_an_interrupted_study_goes_on_from_what_was_kept(tmp_path, monkeypatch):
 def test_a_case_that_does_not_exist_is_answered_with_those_that_do(capsys):
     from baqueano.cli import main
 
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["study", "identification", "--case", "claen"])
-    assert ended.value.code == 2
+    assert exit_info.value.code == 2
     errors = capsys.readouterr().err
     assert "Did you mean clean?" in errors
     assert all(case in errors for case in CASES)

@@ -57,10 +57,10 @@ def test_what_cannot_be_known_is_reported_and_a_run_beyond_is_flagged(study):
     ("b", {"model.drivetrain.delay_s": 0.0}),
 ])  # fmt: skip
 def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, run, changes):
-    recorded, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
+    recorded_run, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
     free = (*FREE, "model.drivetrain.delay_s")
-    first = identify(recorded, car, free, use=("imu",))
-    second = identify(recorded, first.vehicle_file, free, use=("imu",))
+    first = identify(recorded_run, car, free, use=("imu",))
+    second = identify(recorded_run, first.vehicle_file, free, use=("imu",))
     assert np.nanmax(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
 
 
@@ -69,12 +69,12 @@ def test_innovations_that_the_other_run_contradicts_are_neither_advised_nor_beli
     cpm_recordings, run, held_out
 ):
     """By the IMU alone their speed on the other run is 2.9 and 1.9 times as wrong as that of the simulation error."""
-    recorded, unseen = (import_run(MAPS[name]).run for name in (run, held_out))
+    recorded_run, unseen_run = (import_run(MAPS[name]).run for name in (run, held_out))
     car, errors = load("car").with_values(BARE), []
     for cost in ("simulation", "innovations"):
-        fit = identify(recorded, car, FREE, use=("imu",), options=FitOptions(cost=cost))
+        fit = identify(recorded_run, car, FREE, use=("imu",), options=FitOptions(cost=cost))
         values = {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
-        errors.append(float(predicted(car.with_values(values), unseen, "auto").rmse[0]))
+        errors.append(float(predicted(car.with_values(values), unseen_run, "auto").rmse[0]))
         assert not any(note.code in ("cost.innovations", "cost.try-innovations") for note in fit.notes)
     assert errors[1] > 1.5 * errors[0]
     assert fit.verdict == "WARN"

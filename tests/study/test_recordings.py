@@ -47,13 +47,13 @@ def test_a_vehicle_that_skids_to_turn_is_predicted_from_its_wheels():
     assert "effective track 1." in warthog.sentence(fit, "warthog")
 
 
-def made(ok=True):
+def study_of(ok=True):
     row = {"recording": "one", "quantity": "speed [m/s]", "value": 0.0712345, "bar": "≤ 0.09", "ok": ok}
     return RecordingStudy((row, row | {"quantity": "told", "value": True}), ())
 
 
 def test_rows_table_and_page_say_what_is_met():
-    study = made()
+    study = study_of()
     assert [list(row) for row in study.rows()] == [KEYS, KEYS]
     assert json.dumps(study.rows())
     assert "0.07123" in study.table()
@@ -62,7 +62,7 @@ def test_rows_table_and_page_say_what_is_met():
 
 
 def test_a_bar_that_is_missed_is_a_reason():
-    study = made(ok=False)
+    study = study_of(ok=False)
     assert study.verdict == "WARN"
     assert study.reasons[0] == "one: speed [m/s] is 0.07123"
     assert "NO" in study.table()
@@ -74,7 +74,7 @@ def test_a_recording_that_is_not_there_is_left_out_with_a_sentence(monkeypatch, 
 
     class Here:
         files = staticmethod(lambda: ["here.csv"])
-        rows = staticmethod(lambda say, backend: made().rows())
+        rows = staticmethod(lambda say, backend: study_of().rows())
 
     real = collected.import_module
     monkeypatch.setattr(
@@ -88,9 +88,9 @@ def test_a_recording_that_is_not_there_is_left_out_with_a_sentence(monkeypatch, 
 
 def test_missing_recordings_are_named_and_end_with_code_3(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("BAQUEANO_DATA", str(tmp_path))
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["study", "recordings"])
-    assert ended.value.code == 3
+    assert exit_info.value.code == 3
     printed = capsys.readouterr()
     assert printed.out == ""
     for name in FILES:

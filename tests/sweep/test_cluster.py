@@ -40,8 +40,8 @@ def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, serial
     result = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=counts.append)
     assert counts == [1, 1, 1, 1]
     assert rows_of(result) == serial
-    kept = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # nothing is left to do
-    assert rows_of(kept) == serial
+    in_cluster = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # nothing is left to do
+    assert rows_of(in_cluster) == serial
     with refused("sweep.no-cluster", UsageError):
         bq.sweep(small, **ASKED, cluster="nothing://here")
 

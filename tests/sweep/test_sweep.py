@@ -102,10 +102,10 @@ def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells
         4,
         ["sweep.part"],
     )
-    kept = sorted(tmp_path.glob("*.json"))
-    assert len(kept) == 2
-    kept[0].write_text(
-        kept[0].read_text()[:40]
+    files = sorted(tmp_path.glob("*.json"))
+    assert len(files) == 2
+    files[0].write_text(
+        files[0].read_text()[:40]
     )  # half of a file: not what this program writes, so driven again
     second = one_process(**cells, processes=2, keep=tmp_path)
     assert rows_of(second) == rows_of(result)
@@ -149,7 +149,7 @@ def test_recorded_runs_are_replayed_through_estimators_alone(small):
 
 
 @pytest.mark.parametrize(
-    ("code", "given"),
+    ("code", "options"),
     [
         ("sweep.nothing", {}),
         ("sweep.route", {"routes": [3]}),
@@ -160,9 +160,9 @@ def test_recorded_runs_are_replayed_through_estimators_alone(small):
         ("compare.alignment", {"routes": ROUTE, "alignment": "all"}),
     ],
 )
-def test_what_cannot_be_driven_is_refused_before_the_first_drive(small, code, given):
+def test_what_cannot_be_driven_is_refused_before_the_first_drive(small, code, options):
     with refused(code):
-        one_process(small, **given, each=lambda n: pytest.fail("a drive was done"))
+        one_process(small, **options, each=lambda n: pytest.fail("a drive was done"))
 
 
 def test_vehicles_and_runs_are_not_mixed(small):
@@ -194,9 +194,9 @@ def test_the_command_gives_one_object_with_drives_and_cells(capsys, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["baqueano"])
     line = "sweep --vehicle small --route circle --size 0.3 --seeds 1 --controller lqr --json --keep k"
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main([*line.split(), "--controller", "kanayama"])
-    assert ended.value.code in (None, 0)
+    assert exit_info.value.code in (None, 0)
     output = json.loads(capsys.readouterr().out)
     assert [row["cell"] for row in output["cells"]] == ["lqr", "kanayama"]
     assert len(output["rows"]) == len(list((tmp_path / "k").iterdir())) == 2

@@ -91,11 +91,11 @@ def _in_casadi(node: Node, args: list) -> object:
 
 def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[list, list]:
     """(outputs of all ticks, carry after the last)."""
-    given = dict(zip((*program.theta, *program.start), (*theta, *start), strict=True))
-    carry = _values(program.initial, given, apply)
+    inputs_by_node = dict(zip((*program.theta, *program.start), (*theta, *start), strict=True))
+    carry = _values(program.initial, inputs_by_node, apply)
     outputs = []
     for row in inputs:
-        values = given | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
+        values = inputs_by_node | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
         both = _values((*program.outputs, *program.next_carry), values, apply)
         outputs += both[: len(program.outputs)]
         carry = both[len(program.outputs) :]

@@ -71,5 +71,5 @@ def test_importing_the_engine_loads_numpy_and_nothing_heavy():
         "import sys, numpy; before = set(sys.modules); import baqueano.symbolic; "
         "print(sorted({'scipy', 'casadi', 'ctypes', 'subprocess', 'jax'} & (set(sys.modules) - before)))"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"

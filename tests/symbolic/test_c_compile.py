@@ -120,13 +120,13 @@ def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
 
 
 def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):
-    def damaged(folder, *_):
+    def fail_build(folder, *_):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "damaged").write_text("not a library")
         return folder / "damaged"
 
     compile.find()
-    monkeypatch.setattr(compile, "_build", damaged)
+    monkeypatch.setattr(compile, "_build", fail_build)
     with refused("compiler.trouble", compile.CompileError):
         compile.load(answer(48))
 

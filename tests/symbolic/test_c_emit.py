@@ -103,10 +103,10 @@ def test_a_value_of_two_sources_and_three_users_is_a_row_of_its_own():
 
 def test_work_of_one_arm_is_done_in_that_arm_alone():
     t = Text()
-    shared = t.make("mul", t.x, t.y)
-    updated = t.long(shared)
+    product = t.make("mul", t.x, t.y)
+    updated = t.long(product)
     outputs = [
-        t.make("where", t.flag, t.make("add", updated, k), t.make("sub", shared, k)) for k in (1.0, 2.0)
+        t.make("where", t.flag, t.make("add", updated, k), t.make("sub", product, k)) for k in (1.0, 2.0)
     ]
     statements = schedule(outputs, is_leaf)
     check(statements, set(), outputs)
@@ -114,7 +114,7 @@ def test_work_of_one_arm_is_done_in_that_arm_alone():
     assert branch.condition is t.flag
     assert set(branch.choices) == set(outputs)
     assert any(s is updated for s in branch.then)
-    assert any(s is shared for s in statements)
+    assert any(s is product for s in statements)
 
 
 def test_work_that_both_arms_or_others_need_stays_outside():
@@ -175,13 +175,13 @@ def test_deep_nests_and_long_chains_take_no_recursion(depth):
 
 def test_what_depends_on_parameters_alone_leaves_the_loop():
     t = Text()
-    fixed = t.make("exp", t.theta)
-    output = t.make("mul", fixed, t.x)
-    order = plan([], [output, fixed], {t.x, t.y})
-    assert order.before == [fixed]
+    exponential = t.make("exp", t.theta)
+    output = t.make("mul", exponential, t.x)
+    order = plan([], [output, exponential], {t.x, t.y})
+    assert order.before == [exponential]
     assert order.loop == [output]
     assert cost(order.loop) == 1.0
-    assert set(arguments(order.loop)) == {fixed, t.x}
+    assert set(arguments(order.loop)) == {exponential, t.x}
 
 
 def program(t: Text, *outputs: Node) -> Program:

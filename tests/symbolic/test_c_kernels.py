@@ -109,18 +109,18 @@ def test_total_is_the_sum_and_its_gradient(cases, p):
 
 
 @pytest.mark.parametrize("count", [1, 8, 13])
-@pytest.mark.parametrize("shared", [(True, True, True), (True, False, False)])
-def test_each_lane_is_a_run_of_its_own(cases, count, shared):
+@pytest.mark.parametrize("shared_inputs", [(True, True, True), (True, False, False)])
+def test_each_lane_is_a_run_of_its_own(cases, count, shared_inputs):
     case = cases[5]
     draw = np.random.default_rng(count)
     theta, start = draw.normal(size=(count, 5)), draw.normal(size=(count, len(case.start)))
-    mask = np.array(shared)
+    mask = np.array(shared_inputs)
     own = draw.normal(size=(count, case.n, int((~mask).sum())))
     outputs, final = np.empty((count, case.n, len(case.program.outputs))), np.empty((count, len(case.start)))
     common = np.ascontiguousarray(case.inputs[:, mask])
-    case.kernel.batch(count, case.n, theta, start, common, own, shared, outputs, final)
+    case.kernel.batch(count, case.n, theta, start, common, own, shared_inputs, outputs, final)
     only_final = np.empty_like(final)
-    case.kernel.batch(count, case.n, theta, start, common, own, shared, None, only_final)
+    case.kernel.batch(count, case.n, theta, start, common, own, shared_inputs, None, only_final)
     close(only_final, final)
     for lane in range(count):
         inputs = case.inputs.copy()

@@ -206,30 +206,30 @@ class Scaled:
 
 
 @pytest.fixture
-def kept(monkeypatch):
-    made = sys.modules["baqueano.symbolic.function"]
-    monkeypatch.setattr(made, "_kept", {})
-    return made._kept
+def kept_traces(monkeypatch):
+    module = sys.modules["baqueano.symbolic.function"]
+    monkeypatch.setattr(module, "_kept", {})
+    return module._kept
 
 
-def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept):
+def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept_traces):
     for k, gain in enumerate((2.0, 2, 0.0, -0.0)):
         for _ in range(2):
             assert compiled(Scaled(gain), "python").step(3.0) == 3.0 * gain
-            assert len(kept) == k + 1
+            assert len(kept_traces) == k + 1
     for k in range(30):
         block = Filter(np.array([1.0, 2.0 + k]))
         belief, _ = compiled(block, "python").step(block.init(), np.ones(2))
         assert belief.mean.tolist() == [1.0, 2.0 + k]
-    assert len(kept) == sys.modules["baqueano.symbolic.function"].KEPT
+    assert len(kept_traces) == sys.modules["baqueano.symbolic.function"].KEPT
 
 
-def test_a_block_with_more_than_its_fields_is_traced_each_time(kept):
-    for hidden in (2.0, 3.0):
+def test_a_block_with_more_than_its_fields_is_traced_each_time(kept_traces):
+    for gain in (2.0, 3.0):
         block = Scaled(1.0)
-        block.gain, block.hidden = hidden, None
-        assert compiled(block, "python").step(1.0) == hidden
-    assert not kept
+        block.gain, block.hidden = gain, None
+        assert compiled(block, "python").step(1.0) == gain
+    assert not kept_traces
 
 
 def test_a_compiled_block_has_the_fields_of_the_block():
@@ -345,8 +345,8 @@ def test_where_a_zero_does_not_last_the_general_kernel_runs(backend):
 def test_zeros_that_last_are_left_out_of_the_text(backend):
     fast = compiled(Apart(), backend=backend)
     fast.step(fast.init(), 1.0)
-    (made,) = fast._steps.values()
-    first = made._runner._kernel.program
+    (step_function,) = fast._steps.values()
+    first = step_function._runner._kernel.program
     assert len(first.zeros) == 1 + 4  # of the mean, and between the third state and the others
     fast.step(fast.init()._replace(cov=np.ones((3, 3))), 1.0)
     assert len(fast._steps) == 1

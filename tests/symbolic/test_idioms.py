@@ -11,7 +11,7 @@ TABLE = np.array([-2.0, -0.5, 0.1, 1.0]), np.array([3.0, -1.0, 0.5, 0.25])
 T = np.array([[1.0, 0.0, 0.5], [0.0, 2.0, 0.0], [0.25, 0.0, 3.0]])
 
 
-def filled(x, maker):
+def fill(x, maker):
     A = maker()
     A[0, 1] = x[0]
     A[1, 1:] = x[1:]
@@ -128,15 +128,15 @@ IDIOMS = {
     "roll, tile, repeat": lambda x, y, A: (
         np.roll(x, 1) + np.tile(y[:1], 3) + np.repeat(x[1:2], 3) + x[0].reshape(1)
     ),
-    "filled zeros": lambda x, y, A: filled(x, lambda: np.zeros((3, 3))),
-    "filled identity": lambda x, y, A: filled(x, lambda: np.eye(3)),
+    "filled zeros": lambda x, y, A: fill(x, lambda: np.zeros((3, 3))),
+    "filled identity": lambda x, y, A: fill(x, lambda: np.eye(3)),
     "filled copies": lambda x, y, A: (
-        filled(x, lambda: np.zeros_like(T)) + filled(x, lambda: np.full((3, 3), 2.0))
+        fill(x, lambda: np.zeros_like(T)) + fill(x, lambda: np.full((3, 3), 2.0))
     ),
-    "filled ones": lambda x, y, A: filled(x, lambda: np.ones((3, 3))) + filled(x, lambda: np.array(T)),
+    "filled ones": lambda x, y, A: fill(x, lambda: np.ones((3, 3))) + fill(x, lambda: np.array(T)),
     "a filled diagonal": lambda x, y, A: diagonal_filled(x) @ y,
     "filled with a value": lambda x, y, A: np.full((2, 2), x[0]) + np.full_like(A, y[0])[:2, :2],
-    "like the argument": lambda x, y, A: filled(x, lambda: np.zeros_like(A)) + np.ones_like(x) * y,
+    "like the argument": lambda x, y, A: fill(x, lambda: np.zeros_like(A)) + np.ones_like(x) * y,
     "assignment where": lambda x, y, A: changed_where(x),
     "a written copy": lambda x, y, A: written_later(x),
     "a product written to": lambda x, y, A: after_a_product(x, A),

@@ -226,12 +226,12 @@ def test_random_expressions_by_forward_rows_are_casadis(seed):
 
     draw = np.random.default_rng(seed)
     theta, inputs = draw.normal(size=3), draw.normal(size=(1, 3))
-    used = {n for n in below(program.outputs) if n.op == "symbol"} - {*program.theta, *program.inputs}
-    outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in used})
+    symbols_used = {n for n in below(program.outputs) if n.op == "symbol"} - {*program.theta, *program.inputs}
+    outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in symbols_used})
     program = program._replace(outputs=tuple(outputs))
     y, slopes = np.empty((1, len(outputs))), np.empty((1, len(outputs), 3))
     PythonKernel(program).sensitivities(1, theta, np.zeros(0), inputs, y, slopes)
-    expected, derived = in_casadi(program, theta, np.zeros(0), inputs)
+    expected, slopes_of_casadi = in_casadi(program, theta, np.zeros(0), inputs)
     np.testing.assert_allclose(y, in_numpy(program, theta, np.zeros(0), inputs)[0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(y, expected, rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(slopes, derived, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(slopes, slopes_of_casadi, rtol=1e-9, atol=1e-9)

@@ -82,10 +82,10 @@ def tick(pushes, k):
     return Push(int(pushes.t_ns[k]), float(pushes.u[k]), bool(pushes.has[k]), pushes.z[k])
 
 
-def by_hand(step, theta, state=START, given=None):
-    given, outputs = pushes() if given is None else given, []
+def by_hand(step, theta, state=START, inputs=None):
+    inputs, outputs = pushes() if inputs is None else inputs, []
     for k in range(N):
-        state, output = step(theta, state, tick(given, k))
+        state, output = step(theta, state, tick(inputs, k))
         outputs.append(output)
     return state, outputs
 
@@ -205,17 +205,17 @@ def test_normal_equations_are_those_of_the_sensitivities(backend, huber):
 
 def test_lanes_are_runs_side_by_side(kernel):
     theta = np.array([THETA, 1.1 * THETA, 0.9 * THETA])
-    given, second = pushes(), pushes(seed=1)
-    u = np.stack([given.u, second.u, -second.u])
+    inputs, second = pushes(), pushes(seed=1)
+    u = np.stack([inputs.u, second.u, -second.u])
     start = START._replace(x=np.array([[0.3, 0.0], [0.1, 0.2], [-0.5, 1.0]]))
-    last, output = kernel.batch(given._replace(u=u), theta, carry=start, outputs=True)
+    last, output = kernel.batch(inputs._replace(u=u), theta, carry=start, outputs=True)
     assert output.y.shape == (3, N, 2)
     assert last.t_ns.tolist() == [2**50 + 10 * (N - 1)] * 3
     for k in range(3):
-        single, each = kernel.run(given._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
+        single, each = kernel.run(inputs._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
         close(last.cov[k], single.cov)
         close(output.y[k], each.y)
-    assert kernel.batch(given._replace(u=u), theta, carry=start)[1] is None
+    assert kernel.batch(inputs._replace(u=u), theta, carry=start)[1] is None
 
 
 def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(kernel, backend):
@@ -263,11 +263,11 @@ def test_lists_dicts_and_nothing_are_trees_too(backend):
         return {"pair": [b, a + x["u"]], "none": None}, (a, [None, {"b": b}])
 
     kernel = scan(step, {"pair": [1.0, 2.0], "none": None}, {"u": 0.0}, backend=backend)
-    last, (a, (nothing, named)) = kernel.run({"u": np.array([1.0, 1.0])})
+    last, (a, (nothing, by_name)) = kernel.run({"u": np.array([1.0, 1.0])})
     assert last == {"pair": [2.0, 3.0], "none": None}
     assert nothing is None
     close(a, [1.0, 2.0])
-    close(named["b"], [2.0, 2.0])
+    close(by_name["b"], [2.0, 2.0])
 
 
 def test_no_ticks_leave_the_start_as_it_is(backend):

@@ -26,14 +26,14 @@ def step(theta, x, u):
     return y, y * np.sin(theta[0])
 
 
-def made(backend="c"):
+def kernel_of(backend="c"):
     return scan(step, np.zeros(2), np.zeros(2), np.zeros(3), backend=backend)
 
 
 def test_threads_that_ask_at_once_get_what_one_gets():
     u, theta = np.random.default_rng(0).normal(size=(50, 2)), np.array([0.5, -0.3, 1.2])
-    reference = made().sensitivities(u, theta)
-    kernel, together = made(), Barrier(THREADS)
+    reference = kernel_of().sensitivities(u, theta)
+    kernel, together = kernel_of(), Barrier(THREADS)
     graph = kernel.trace.graph
     graph.nodes = Slow(graph.nodes)
 

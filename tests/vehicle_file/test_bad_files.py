@@ -16,10 +16,10 @@ SMALL = load("small").text
 def refused_as(old, new, text=SMALL):
     """The diagnostic of the small vehicle's file with `old` written as `new`."""
     assert old in text, f"the file has no {old!r}"
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         parse(text.replace(old, new, 1), "my.toml")
-    assert caught.value.exit_code == 3
-    return caught.value.diagnostic
+    assert error_info.value.exit_code == 3
+    return error_info.value.diagnostic
 
 
 CASES = {
@@ -205,11 +205,11 @@ def test_es1_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matr
     message = str(reason.figures["error"])
     for part in parts:
         assert part in message
-    offered = message[message.index("nearest valid matrix is ") + len("nearest valid matrix is ") :]
-    mended = np.array(eval(offered.rstrip(".")))
-    assert np.linalg.eigvalsh(mended)[0] > -1e-6 * np.max(np.abs(mended))
+    proposal = message[message.index("nearest valid matrix is ") + len("nearest valid matrix is ") :]
+    proposed_matrix = np.array(eval(proposal.rstrip(".")))
+    assert np.linalg.eigvalsh(proposed_matrix)[0] > -1e-6 * np.max(np.abs(proposed_matrix))
     if name == "measurement_noise_cov":
-        assert np.max(np.abs(mended - np.array(matrix))) < 1e-3
+        assert np.max(np.abs(proposed_matrix - np.array(matrix))) < 1e-3
 
 
 def test_what_a_block_lacks_is_reported_when_it_is_asked_for():

@@ -54,18 +54,20 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
     if not with_tomlkit:
         monkeypatch.setitem(sys.modules, "tomlkit", None)
     small = load("small")
-    changed = override(small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.gate_sigma=5"])
-    assert (changed.vehicle.mass_kg, changed.vehicle.friction.linear[0]) == (0.7, 4.0)
-    assert changed.estimator().gate_sigma == 5.0
+    changed_file = override(
+        small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.gate_sigma=5"]
+    )
+    assert (changed_file.vehicle.mass_kg, changed_file.vehicle.friction.linear[0]) == (0.7, 4.0)
+    assert changed_file.estimator().gate_sigma == 5.0
     assert small.vehicle.mass_kg == 0.61
-    assert changed.layers == (
+    assert changed_file.layers == (
         "garage: small", "--set model.mass_kg=0.7", "--set model.friction.linear[0]=4", "--set "
         "estimator.gate_sigma=5",
     )  # fmt: skip
-    assert [row["key"] for row in changes(small, changed)] == [
+    assert [row["key"] for row in changes(small, changed_file)] == [
         "model.mass_kg", "model.friction.linear", "estimator.gate_sigma",
     ]  # fmt: skip
-    assert parse(changed.text, "again").vehicle.mass_kg == 0.7
+    assert parse(changed_file.text, "again").vehicle.mass_kg == 0.7
 
 
 @pytest.mark.parametrize(
@@ -83,10 +85,10 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
     ],
 )
 def test_what_makes_no_sense_on_the_command_line_is_a_matter_of_usage(setting, part):
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError) as error_info:
         override(load("small"), [setting])
-    assert part in str(caught.value)
-    assert caught.value.exit_code == 2
+    assert part in str(error_info.value)
+    assert error_info.value.exit_code == 2
 
 
 def test_a_block_of_ones_own_is_found_beside_the_vehicle_file(workshop):
@@ -121,9 +123,9 @@ def test_its_table_is_checked_like_ours(workshop, line, part):
     file = load(workshop / "my.toml")
     text = file.text.replace('kind = "mine.py:Mine"', f'kind = "mine.py:Mine"\n{line}')
     (workshop / "my.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         load(workshop / "my.toml")
-    assert part in str(caught.value)
+    assert part in str(error_info.value)
 
 
 def test_another_block_than_the_file_names_takes_the_keys_it_knows(workshop):
@@ -228,10 +230,10 @@ def test_a_default_of_the_documentation_is_toml():
     defaults = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
     assert defaults["sensors.NAME", "tags", "sees_offset"] == "`true`"
     assert defaults["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
-    written = [
+    defaults_text = [
         tomllib.loads(f"key = {default.strip('`')}") for default in defaults.values() if default[:1] == "`"
     ]
-    assert len(written) > 100
+    assert len(defaults_text) > 100
 
 
 def test_the_documentation_in_spanish_has_the_same_keys_defaults_and_no_english_words():

@@ -124,10 +124,10 @@ def test_with_a_lag_the_error_of_a_tick_falls_with_the_fourth_power_of_it(delay_
 
 
 def test_without_a_lag_a_command_in_the_middle_of_a_tick_costs_more():
-    whole, broken = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
+    whole, in_two_parts = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
     assert np.all(whole[:9] < 1e-3)
-    assert np.all(broken[:9] < 5e-3)
-    assert broken[:9].sum() > whole[:9].sum()
+    assert np.all(in_two_parts[:9] < 5e-3)
+    assert in_two_parts[:9].sum() > whole[:9].sum()
 
 
 def test_an_accelerometer_shows_the_effort_of_its_instant_and_not_the_mean_of_the_tick():
@@ -207,8 +207,8 @@ def fine(accelerate, changes, delay_s, times):
     edges = sorted({0.0, *times, *(t + delay_s for t, _ in changes if t + delay_s < times[-1])})
     x, out, n = np.zeros(6 + len(changes[0][1])), {}, len(changes[0][1])
     for a, b in pairwise(edges):
-        sent = [u for t, u in changes if t + delay_s <= a + 1e-12]
-        w = sent[-1] if sent else np.zeros(n)
+        inputs_sent = [u for t, u in changes if t + delay_s <= a + 1e-12]
+        w = inputs_sent[-1] if inputs_sent else np.zeros(n)
 
         def dot(t, x, w=w):
             psi, nu = x[2], x[3:6] if accelerate else VELOCITY @ x[6:]
@@ -226,18 +226,18 @@ def fine(accelerate, changes, delay_s, times):
 @pytest.mark.parametrize("delay_s", [0.0, 0.013])
 @pytest.mark.parametrize("kind", OTHERS)
 def test_the_error_of_every_vehicle_falls_with_the_fourth_power_of_the_tick(kind, delay_s):
-    made, accelerate, command = OTHERS[kind]
+    make, accelerate, command = OTHERS[kind]
     changes, ticks = [(0.02 * k, command(k)) for k in range(30)], np.array([0.01, 0.005, 0.0025])
     moments = [float(t) for t in np.round(ticks[0] * np.arange(1, round(DURATION_S / ticks[0]) + 1), 12)]
     exactly, differences = fine(accelerate, changes, delay_s, moments), []
     for dt_s in ticks:
         each = round(ticks[0] / dt_s)
         imus, steps_s = [Imu(rate_hz=1e5)] * bool(accelerate), np.full(each * len(moments), dt_s)
-        had = simulated_outputs(made(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
+        had = simulated_outputs(make(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
         differences.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
     worst = np.array(differences)
-    moved = worst[0] > 1e-11  # else there is nothing but rounding
-    slopes = np.polyfit(np.log(ticks), np.log(worst[:, moved]), 1)[0]
+    is_moving = worst[0] > 1e-11  # else there is nothing but rounding
+    slopes = np.polyfit(np.log(ticks), np.log(worst[:, is_moving]), 1)[0]
     assert slopes.min() > 3.4
     assert np.all(worst[0, :6] < 1e-5)
 

@@ -59,17 +59,17 @@ def test_turning_a_slope_with_the_vehicle_changes_nothing_it_feels(turn):
         return Planar(2.0, 0.5, T, friction=FRICTION, slope_rad=0.1, slope_heading_rad=heading)
 
     _, flat = drive(on(0.5), np.zeros(3))
-    _, turned = drive(on(0.5 + turn), np.array([1.0, -2.0, turn]))
-    assert turned.nu == pytest.approx(flat.nu, abs=1e-9)
-    assert turned.gravity == pytest.approx(flat.gravity, abs=1e-9)
+    _, turned_motion = drive(on(0.5 + turn), np.array([1.0, -2.0, turn]))
+    assert turned_motion.nu == pytest.approx(flat.nu, abs=1e-9)
+    assert turned_motion.gravity == pytest.approx(flat.gravity, abs=1e-9)
 
 
 @names
 @pytest.mark.parametrize("turns", [-2, 1])
 def test_full_turns_change_nothing(name, turns):
     drive_at_zero, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3]))
-    turned, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3 + 2.0 * np.pi * turns]))
-    assert turned.eta == pytest.approx(drive_at_zero.eta, abs=1e-9)
+    turned_motion, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3 + 2.0 * np.pi * turns]))
+    assert turned_motion.eta == pytest.approx(drive_at_zero.eta, abs=1e-9)
 
 
 @names

@@ -32,12 +32,12 @@ class Chromium:
             [str(CHROMIUM), *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        written = Path(self._folder.name, "DevToolsActivePort")
+        port_file = Path(self._folder.name, "DevToolsActivePort")
         until = time.monotonic() + 60.0
-        while not (written.exists() and written.read_text().count("\n")):
+        while not (port_file.exists() and port_file.read_text().count("\n")):
             assert time.monotonic() < until, "Chromium did not start"
             time.sleep(0.05)
-        self.port = int(written.read_text().splitlines()[0])
+        self.port = int(port_file.read_text().splitlines()[0])
         return self
 
     def __exit__(self, *_: object) -> None:

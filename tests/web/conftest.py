@@ -8,16 +8,16 @@ from tests.web.scripted import Scripted
 
 @pytest.fixture(scope="module")
 def browser():
-    with Chromium() as made:
-        yield made
+    with Chromium() as chromium_:
+        yield chromium_
 
 
 @pytest.fixture
 def tab(browser):
-    made = browser.tab()
-    made.size(*SIZES["laptop"])
-    yield made
-    made.close()
+    new_tab = browser.tab()
+    new_tab.size(*SIZES["laptop"])
+    yield new_tab
+    new_tab.close()
 
 
 @pytest.fixture

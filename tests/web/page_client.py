@@ -50,10 +50,10 @@ def folder_of(path: Path, **runs: Run) -> Path:
 
 
 @asynccontextmanager
-async def recorded_page(folder: Path, *opened: str, **options: Any) -> AsyncIterator[Server]:
+async def recorded_page(folder: Path, *runs_open: str, **options: Any) -> AsyncIterator[Server]:
     """Serve the runs of a folder."""
     lab = Lab()
-    paths = tuple((folder / f"{name}.mcap").resolve() for name in opened)
+    paths = tuple((folder / f"{name}.mcap").resolve() for name in runs_open)
     shelf = Shelf(folder, paths)
     page = BrowserPage(lab, shelf, lambda: server.guard, paths)
     server = Server(page.receive, page.left, shelf.body, **options)
@@ -116,8 +116,8 @@ def address(server: Server) -> str:
 async def line_to(server: Server, **options: Any) -> AsyncIterator[ClientConnection]:
     """Connect as a page of the server does."""
     host = address(server)
-    given = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | options
-    async with connect(f"ws://{host}/ws", **given) as line:
+    arguments = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | options
+    async with connect(f"ws://{host}/ws", **arguments) as line:
         yield line
 
 

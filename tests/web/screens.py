@@ -22,7 +22,7 @@ REST_S = 0.25  # a canvas takes its new size in one picture, and the map glides 
 DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 
 
-def opened(tab: Tab, server: Scripted, language: str = "en", screen: str = "") -> Tab:
+def open_page(tab: Tab, server: Scripted, language: str = "en", screen: str = "") -> Tab:
     tab.goto(f"{server.url}?lang={language}")
     tab.wait(READY)
     if server.mode == "replay":
@@ -47,7 +47,7 @@ def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[s
     with Scripted("live" if kind == "live" else "replay", ghost=kind == "ghost") as server:
         tab = browser.tab()
         tab.size(*SIZES["laptop"])
-        opened(tab, server, language)
+        open_page(tab, server, language)
         if kind == "ghost":
             tab.wait(f"Boolean({PAGE}.ghost)")
         if kind != "live":

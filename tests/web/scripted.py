@@ -14,9 +14,9 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from tests.web.scripted_answers import GAINS, RUNS, answered, route
+from tests.web.scripted_answers import GAINS, RUNS, answer_to, route
 from tests.web.scripted_ledger import Faults, ledger
-from tests.web.taught import taught
+from tests.web.taught import fit_taught
 
 STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
 KINDS = {
@@ -93,13 +93,13 @@ SENTENCES = {
 
 
 def fields() -> list[dict[str, str]]:
-    made = [{"name": name, "unit": "", "group": name, "label": name} for name in PLAIN]
-    made += [
+    columns = [{"name": name, "unit": "", "group": name, "label": name} for name in PLAIN]
+    columns += [
         {"name": f"{kind}.{k}", "unit": "duty", "group": entry["name"], "label": entry["name"]}
         for kind in ("u", "asked")
         for k, entry in enumerate(COMMAND)
     ]
-    return made + [
+    return columns + [
         {"name": f"{kind}.{name}", "unit": unit, "group": name, "label": label}
         for kind in ("z", "model", "innov", "S")
         for name, (label, unit) in CHANNELS.items()
@@ -152,7 +152,7 @@ def row(tick: int, off: float = 0.02) -> list[float]:
     )
 
 
-def packed(number: int, first: int, count: int, off: float = 0.02) -> bytes:
+def packed_rows(number: int, first: int, count: int, off: float = 0.02) -> bytes:
     rows = [row(tick, off) for tick in range(first, first + count)]
     flat = [value for row in rows for value in row]
     return struct.pack("<IId", number, count, first / RATE) + struct.pack(f"<{len(flat)}f", *flat)
@@ -258,7 +258,7 @@ class Scripted:
         if self.mode == "live":
             if self.world == "simulated":
                 guest.send(json.dumps(ledger(language)))
-            guest.send(packed(0, self.tick - 2000, 2000))
+            guest.send(packed_rows(0, self.tick - 2000, 2000))
         self.guests.append((guest, language))
         self._lease()
         try:
@@ -283,10 +283,10 @@ class Scripted:
         elif word["is"] == "open":
             self._open(guest, word["run"], word.get("ghost"), word.get("filter"))
         elif word["is"] == "identify" and word["on"]:
-            guest.send(json.dumps(taught(self._language(guest), live=True)))
+            guest.send(json.dumps(fit_taught(self._language(guest), live=True)))
         elif word["is"] == "ask":
             fitting = word["what"] == "identify"
-            more = taught(self._language(guest), live=False) if fitting else answered(word)
+            more = fit_taught(self._language(guest), live=False) if fitting else answer_to(word)
             guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]} | more))
         elif word["is"] in ("pause", "go"):
             self.paused = word["is"] == "pause" or "ticks" in word
@@ -345,7 +345,7 @@ class Scripted:
             }
             guest.send(json.dumps(head | {"done": False}))
             for first in (0, 4096):
-                guest.send(packed(stream << 24 | 1, first, min(4096, 4160 - first), off))
+                guest.send(packed_rows(stream << 24 | 1, first, min(4096, 4160 - first), off))
             guest.send(
                 json.dumps({"is": "answer", "to": "open", "stream": stream, "done": True, "seconds": 41.6})
             )
@@ -358,7 +358,7 @@ class Scripted:
                 continue
             number += 1
             moves = self.state in ("MISSION", "MANUAL")
-            frame = packed(number, self.tick, 5 if moves else 0)
+            frame = packed_rows(number, self.tick, 5 if moves else 0)
             self.tick += 5 if moves else 0
             for guest, _ in list(self.guests):
                 try:

@@ -52,7 +52,7 @@ def route() -> dict[str, Any]:
     }
 
 
-def answered(word: dict[str, Any]) -> dict[str, Any]:
+def answer_to(word: dict[str, Any]) -> dict[str, Any]:
     """Return what a worker would say to a question, on paper."""
     if word["what"] == "tune":
         about = {

@@ -36,7 +36,7 @@ KNOWN = [  # path, label in both languages, value, unit
 ]
 
 
-def taught(language: str, live: bool) -> dict[str, Any]:
+def fit_taught(language: str, live: bool) -> dict[str, Any]:
     """Return what a drive of 26 s has taught: one parameter is poorly known, one not seen."""
     k = 0 if language == "en" else 1
     needs = ("missing: sliding sideways both a little and fast, as in turns of many speeds",
@@ -62,5 +62,5 @@ def taught(language: str, live: bool) -> dict[str, Any]:
     }  # fmt: skip
     if live:
         return {"is": "identify"} | word
-    grown = [[min(1.0, sd * (41.6 / (0.4 * (j + 1))) ** 0.5) for sd in now] for j in range(104)]
-    return word | {"expected": grown, "step_s": 0.4, "fits": [fit | {"t": 8.0}, fit]}
+    deviations = [[min(1.0, sd * (41.6 / (0.4 * (j + 1))) ** 0.5) for sd in now] for j in range(104)]
+    return word | {"expected": deviations, "step_s": 0.4, "fits": [fit | {"t": 8.0}, fit]}

@@ -112,11 +112,11 @@ def test_a_browser_that_does_not_read_is_given_one_picture_and_let_go_when_words
         async with recorded_page(folder, "circle") as server, browser(server) as guest:
             (visitor,) = server.visitors
             guest.line.transport.pause_reading()
-            picture, begun = bytes(200_000), time.monotonic()
+            picture, start_s = bytes(200_000), time.monotonic()
             for _ in range(400):
                 visitor.show(picture)
                 await asyncio.sleep(0)
-            assert time.monotonic() - begun < WAIT_S
+            assert time.monotonic() - start_s < WAIT_S
             assert visitor._writer.transport.get_write_buffer_size() <= len(picture) + 100
             for _ in range(70):
                 visitor.say({"is": "event", "text": "x" * 1000})

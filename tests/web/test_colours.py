@@ -114,11 +114,11 @@ def test_an_eye_without_the_green_cone_takes_red_for_olive():
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_colours_that_nothing_else_tells_apart_are_far_apart(theme, eye):
-    named = palette(theme)
+    colours = palette(theme)
     near = {
         pair: round(far, 1)
         for pair in BY_COLOUR
-        if (far := distance(*(lab(named[name], eye) for name in pair))) < APART
+        if (far := distance(*(lab(colours[name], eye) for name in pair))) < APART
     }
     assert not near
 
@@ -126,12 +126,12 @@ def test_colours_that_nothing_else_tells_apart_are_far_apart(theme, eye):
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_every_line_stands_out_from_its_card(theme, eye):
-    named = palette(theme)
+    colours = palette(theme)
     lines = ("measured", "model", "ghost", "alarm", "sim", "ink", "route", "quiet", "middle", "loud")
     faint = {
         name: round(far, 1)
         for name in lines
-        if (far := distance(lab(named[name], eye), lab(named["card"], eye))) < FROM_CARD
+        if (far := distance(lab(colours[name], eye), lab(colours["card"], eye))) < FROM_CARD
     }
     assert not faint
 

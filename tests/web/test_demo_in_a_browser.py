@@ -49,7 +49,7 @@ def demo(tmp_path):
         "BROWSER": f"{sys.executable} {script} {log} %s &",
     }  # fmt: skip
     environment.pop("CI", None)
-    begun = time.monotonic()
+    start_s = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "baqueano", "demo", "--pace", "50"], cwd=tmp_path, env=environment,
         timeout=ENDS_S, capture_output=True, text=True,
@@ -58,16 +58,16 @@ def demo(tmp_path):
     while not log.exists():
         assert time.monotonic() < end, done.stderr
         time.sleep(0.1)
-    return done, json.loads(log.read_text()), begun
+    return done, json.loads(log.read_text()), start_s
 
 
 @pytest.mark.alone
 def test_a_demo_opens_a_tab_within_20_s_shows_all_of_it_and_ends_by_itself(tmp_path):
     with before_others():
-        done, record, begun = demo(tmp_path)
+        done, record, start_s = demo(tmp_path)
     assert done.returncode == 0, done.stderr
     assert record["address"].startswith("http://127.0.0.1:")
-    assert record["opened"] - begun <= OPENS_S
+    assert record["opened"] - start_s <= OPENS_S
     assert record["screens"] == ["drive", "identify", "tuned", "drive"], record
     assert record["frames"] > 20
     assert (tmp_path / "demo" / "report.html").exists()
@@ -77,12 +77,12 @@ class Simulated(Exception):
     """What the demo would do is not done here."""
 
 
-@pytest.mark.parametrize(("words", "opened"), [((), True), (("--page",), True), (("--no-page",), False)])
-def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opened):
-    started, process = [], subprocess.Popen
+@pytest.mark.parametrize(("words", "opens_page"), [((), True), (("--page",), True), (("--no-page",), False)])
+def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opens_page):
+    commands, process = [], subprocess.Popen
 
     def starts(command, **options):
-        started.append(command)
+        commands.append(command)
         return process([sys.executable, "-c", ""], **options)
 
     def simulated(*words):
@@ -95,4 +95,4 @@ def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opened)
     monkeypatch.setattr("baqueano.study.demo.demo", simulated)
     with pytest.raises(Simulated):
         command.main(list(words), standalone_mode=False)
-    assert [call[2] for call in started] == (["baqueano.web.lab.playback"] if opened else [])
+    assert [call[2] for call in commands] == (["baqueano.web.lab.playback"] if opens_page else [])

@@ -91,10 +91,12 @@ def test_the_public_client_sees_all_and_changes_nothing(tmp_path):
         assert message["parameters"]["mine"] == message["parameters"]["all"]  # what was set is not
         assert len(message["statuses"]) >= 3  # set, publish, updates
         published = {topic["name"]: topic["publisherIds"] for topic in message["graph"]["publishedTopics"]}
-        read = {topic["name"]: topic["subscriberIds"] for topic in message["graph"]["subscribedTopics"]}
+        subscribers = {
+            topic["name"]: topic["subscriberIds"] for topic in message["graph"]["subscribedTopics"]
+        }
         assert published["/estimate/pose"] == ["estimator"]
-        assert set(read["/estimate/pose"]) == {"guide", "controller"}
-        assert "world" in read["/command/applied"]
+        assert set(subscribers["/estimate/pose"]) == {"guide", "controller"}
+        assert "world" in subscribers["/command/applied"]
         assert message["closed"] == 1003  # it published
         assert {word["do"] for word in link.messages} == {"watch", "routes"}  # nothing came to the vehicle
 
@@ -112,9 +114,9 @@ def test_both_names_of_the_protocol_are_spoken(tmp_path, name):
             info = await next_word(line, "serverInfo")
             assert "small" in info["name"]
             channels = (await next_word(line, "advertise"))["channels"]
-            chosen = next(channel["id"] for channel in channels if channel["topic"] == "/drive")
+            channel_id = next(channel["id"] for channel in channels if channel["topic"] == "/drive")
             await line.send(
-                json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": chosen}]})
+                json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel_id}]})
             )
             await line.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 8, "channelId": 99}]}))
             assert "99" in (await next_word(line, "status"))["message"]
@@ -135,7 +137,7 @@ def test_both_names_of_the_protocol_are_spoken(tmp_path, name):
 
 
 def test_ne2_ne3_a_program_needs_a_token_where_a_page_would(tmp_path):
-    async def refused(url, **options):
+    async def status_of(url, **options):
         with pytest.raises(InvalidStatus) as error:
             await connect(url, subprotocols=[NAMES[0]], **options).__aenter__()
         return error.value.response.status_code
@@ -143,8 +145,8 @@ def test_ne2_ne3_a_program_needs_a_token_where_a_page_would(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, _, _):
             evil = {"origin": "https://evil.example"}
-            assert await refused(address_of(server), **evil) == 403
-            assert await refused(address_of(server, "x" * 22)) == 403
+            assert await status_of(address_of(server), **evil) == 403
+            assert await status_of(address_of(server, "x" * 22)) == 403
             token = server.guard.tokens[Role.VIEW]
             async with connect(
                 address_of(server, token), subprotocols=[NAMES[0]], **evil
@@ -153,7 +155,7 @@ def test_ne2_ne3_a_program_needs_a_token_where_a_page_would(tmp_path):
             with pytest.raises(InvalidStatus):
                 await connect(address_of(server)).__aenter__()  # of no protocol that is spoken here
         async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _):
-            assert await refused(address_of(server)) == 403
+            assert await status_of(address_of(server)) == 403
 
     run_page(job)
 

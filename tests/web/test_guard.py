@@ -86,9 +86,9 @@ def test_ne1_the_address_that_is_printed_has_the_token_behind_the_number_sign():
 def test_ne2_a_host_that_is_not_served_is_refused_on_every_request(folder, host):
     async def job():
         async with recorded_page(folder, "circle") as server:
-            named = None if host is None else host.format(port=server.port)
+            host_name = None if host is None else host.format(port=server.port)
             for path in ("/", "/run/x", "/ws", "/nothing"):
-                assert (await request(server, f"GET {path} HTTP/1.1", host=named))[0] == 403
+                assert (await request(server, f"GET {path} HTTP/1.1", host=host_name))[0] == 403
 
     run_page(job)
 
@@ -125,9 +125,9 @@ def test_ne2_who_has_no_origin_watches_with_a_token_and_without_one_goes(folder)
             async with line_to(server, origin=None) as line:
                 await line.send(json.dumps({"is": "hello"}))
                 assert json.loads(await line.recv())["code"] == "web.token"
-                with pytest.raises(ConnectionClosed) as closed:
+                with pytest.raises(ConnectionClosed) as error_info:
                     await line.recv()
-                assert closed.value.rcvd.code == 1008
+                assert error_info.value.rcvd.code == 1008
 
     run_page(job)
 
@@ -187,13 +187,13 @@ def test_ne4_after_five_wrong_tokens_none_is_looked_at_for_a_minute():
 
 
 def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
-    compared = []
-    monkeypatch.setattr(guarding.hmac, "compare_digest", lambda a, b: compared.append(b) or a == b)
+    comparisons = []
+    monkeypatch.setattr(guarding.hmac, "compare_digest", lambda a, b: comparisons.append(b) or a == b)
     guard = Guard((), 1, shared=True)
     for token in guard.tokens.values():
-        compared.clear()
+        comparisons.clear()
         assert guard.role("10.0.0.1", token, True)
-        assert len(compared) == len(Role)
+        assert len(comparisons) == len(Role)
 
 
 def test_ne4_addresses_that_guess_take_no_memory():
@@ -223,16 +223,16 @@ def test_ne6_only_files_of_the_table_are_served(folder, path):
 
 @pytest.mark.usefixtures("_static")
 @pytest.mark.parametrize(
-    ("offer", "packed"), {"gzip, br": True, "br": False, "gzip;q=0": False, "": False}.items()
+    ("offer", "packing"), {"gzip, br": True, "br": False, "gzip;q=0": False, "": False}.items()
 )
-def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packed):
+def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packing):
     async def job():
         async with recorded_page(folder, "circle") as server:
             line = "GET /static/page.js HTTP/1.1" + (f"\r\nAccept-Encoding: {offer}" if offer else "")
             status, headers, body = await request(server, line)
             assert status == 200
-            assert (headers.get("Content-Encoding") == "gzip") == packed
-            assert (gzip.decompress(body) if packed else body) == b"let x"
+            assert (headers.get("Content-Encoding") == "gzip") == packing
+            assert (gzip.decompress(body) if packing else body) == b"let x"
 
     run_page(job)
 
@@ -299,8 +299,8 @@ def test_ne7_a_token_is_in_no_output_but_the_printed_addresses(folder, caplog, c
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello", "token": tokens[1][:-1]}))
                 assert json.loads(await line.recv())["code"] == "web.token"
-            shown = caplog.text + "".join(capfd.readouterr())
-            assert not any(token[:-1] in shown for token in tokens)
+            output = caplog.text + "".join(capfd.readouterr())
+            assert not any(token[:-1] in output for token in tokens)
 
     run_page(job)
 
@@ -333,8 +333,8 @@ def test_ne8_hostile_names_stay_text(tmp_path):
 
 
 def test_no_port_is_taken_twice(folder):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = listening.getsockname()[1]
 
         async def job():
             from baqueano.errors import UsageError

@@ -34,7 +34,7 @@ GUESS = {
 
 
 @pytest.fixture(scope="module")
-def driven():
+def driven_runs():
     """A guess of `small`, and a run of the true one."""
     small = load("small")
     u = excitation("random_steps", small.command.limit, SECONDS, small.rate_hz, seed=2, rest_s=1.0)
@@ -42,8 +42,8 @@ def driven():
 
 
 def rows_of(run):
-    packed = recorded(run)
-    return [column["name"] for column in packed.fields], packed.x.tolist()
+    record = recorded(run)
+    return [column["name"] for column in record.fields], record.x.tolist()
 
 
 def fitted(drive, seconds=60.0):
@@ -55,8 +55,8 @@ def fitted(drive, seconds=60.0):
     return state
 
 
-def test_before_8_s_errors_are_those_that_the_guess_expects(driven):
-    guess, _, run = driven
+def test_before_8_s_errors_are_those_that_the_guess_expects(driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     drive.rows(names, rows[:700])
@@ -72,8 +72,8 @@ def test_before_8_s_errors_are_those_that_the_guess_expects(driven):
     drive.close()
 
 
-def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
-    guess, small, run = driven
+def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven_runs):
+    guess, small, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     for at in range(0, len(rows), 100):
@@ -90,14 +90,14 @@ def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
     drive.close()
 
 
-def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
-    guess, _, run = driven
+def test_a_fit_that_takes_long_makes_the_next_come_later(driven_runs, monkeypatch):
+    guess, _, run = driven_runs
     began = []
 
-    def slow(given):
+    def slow(estimate):
         began.append(time.monotonic())
         time.sleep(0.6)
-        return real(drive, given)
+        return real(drive, estimate)
 
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -116,8 +116,8 @@ def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
     drive.close()
 
 
-def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven):
-    guess, _, run = driven
+def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess, "python")
     assert not drive.compiled
@@ -130,8 +130,8 @@ def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven):
     drive.close()
 
 
-def test_ticks_that_never_came_are_driven_but_measure_nothing(driven):
-    guess, _, run = driven
+def test_ticks_that_never_came_are_driven_but_measure_nothing(driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     whole, gap = DriveIdentification(guess), DriveIdentification(guess)
     whole.rows(names, rows[:300])
@@ -173,8 +173,8 @@ def test_a_users_own_parameter_is_called_as_its_class_calls_it():
     }
 
 
-def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, driven):
-    guess, _, run = driven
+def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     path = tmp_path / "guess.toml"
     path.write_text(guess.text, encoding="utf-8")
@@ -206,8 +206,8 @@ def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, 
     run_page(job)
 
 
-def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven):
-    _, _, run = driven
+def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven_runs):
+    _, _, run = driven_runs
     folder = tmp_path / "runs"
     folder.mkdir()
     write_run(run, folder / "taught.mcap")
@@ -254,8 +254,8 @@ def test_the_page_process_loads_no_numpy():
     run_page(job)
 
 
-def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven, monkeypatch):
-    guess, _, run = driven
+def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven_runs, monkeypatch):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     monkeypatch.setattr(module, "PERIOD_S", 0.0)
@@ -272,20 +272,20 @@ def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven, monkeypatch
     drive.close()
 
 
-def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive(tmp_path, driven):
-    guess, small, run = driven
+def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive(tmp_path, driven_runs):
+    guess, small, run = driven_runs
     names, rows = rows_of(run)
     path, drives = tmp_path / "own.toml", Drives()
     path.write_text(guess.text, encoding="utf-8")
 
-    def guessed(drive: int) -> float:
+    def guess_after(drive: int) -> float:
         word = {"vehicle": str(path), "drive": drive, "names": names, "rows": rows[:20]}
         answer, _ = drives.answer(word)
         k = [parameter["path"] for parameter in answer["parameters"]].index("actuator_matrix[0,0]")
         return answer["parameters"][k]["guess"]
 
-    assert guessed(1) == 2.0
+    assert guess_after(1) == 2.0
     path.write_text(small.text, encoding="utf-8")
     os.utime(path, ns=(1, 1))
-    assert guessed(1) == 2.0  # a drive goes on with the file that it began with
-    assert guessed(2) == float(small.value("model.actuator_matrix[0,0]"))
+    assert guess_after(1) == 2.0  # a drive goes on with the file that it began with
+    assert guess_after(2) == float(small.value("model.actuator_matrix[0,0]"))

@@ -78,7 +78,7 @@ def test_rt14_a_second_driver_is_reported_who_drives_and_may_be_given_the_vehicl
 )  # fmt: skip
 def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
     clock = Clock()
-    lease, counted = Lease(clock), []
+    lease, counted_drivers = Lease(clock), []
     holder, last, n_last = None, float("-inf"), 0
     for driver, word, n, age, later in words:
         clock.s += later
@@ -96,7 +96,7 @@ def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
             assert lease.beat(driver, n, age) == counts
             n_last = n if holder == driver and n > n_last else n_last
             last = clock.s if counts else last
-            counted += [driver] if counts else []
+            counted_drivers += [driver] if counts else []
         elif word == "left":
             lease.left(driver)
             holder = None if holder == driver else holder

@@ -364,7 +364,7 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
             async with browser(server) as ana:
                 assert ana.hello["routes"] == ["oval"]
                 for kind, more in (("repeat", {"route": "oval", "laps": 2}), ("drive", {})):
-                    await driven(ana, link, kind, **more)
+                    await drive_page(ana, link, kind, **more)
                     mission = Mission.of_json(link.requests("mission")[-1]["mission"])
                     assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
                     assert 'name = "small"' in mission.vehicle
@@ -377,7 +377,7 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
     run_page(job)
 
 
-async def driven(visitor, link, kind, **more):
+async def drive_page(visitor, link, kind, **more):
     """Ask for a mission, and beat until it is packed."""
     before, n = len(link.requests("mission")), 0
     await visitor.say("take")

@@ -22,7 +22,7 @@ from baqueano.web.feed import HEAD
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM, Chromium
 from tests.web.page_client import WAIT_S, Browser, run_page
-from tests.web.test_in_browser import PRESS, START_S, shown
+from tests.web.test_in_browser import PRESS, START_S, show_text
 from tests.web.test_serve import Watcher, beats, port_of, program
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
@@ -47,7 +47,7 @@ async def looking(port, **hello):
         yield visitor
 
 
-def ended(verb, within_s=WAIT_S):
+def exit_code_of(verb, within_s=WAIT_S):
     """Return the exit code of a verb."""
     assert verb.stderr is not None
     verb.stderr.read()
@@ -56,9 +56,9 @@ def ended(verb, within_s=WAIT_S):
 
 def processes_of(group):
     """Return the processes that were started by this one, and by those: their ids."""
-    group_ids, grown = {group}, True
-    while grown:
-        grown = False
+    group_ids, is_growing = {group}, True
+    while is_growing:
+        is_growing = False
         for status in Path("/proc").glob("[0-9]*/stat"):
             try:
                 words = status.read_text().rpartition(")")[2].split()
@@ -66,11 +66,11 @@ def processes_of(group):
                 continue
             if int(words[1]) in group_ids and int(status.parent.name) not in group_ids and words[0] != "Z":
                 group_ids.add(int(status.parent.name))
-                grown = True
+                is_growing = True
     return group_ids - {group}
 
 
-def gone(pids, within_s=10.0):
+def all_gone(pids, within_s=10.0):
     """Return True once none of these runs."""
     end = time.monotonic() + within_s
     while any(alive(pid) for pid in pids):
@@ -105,7 +105,7 @@ def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
                 assert np.isfinite(rows[-1, [f["name"] for f in visitor.hello["fields"]].index("truth.x")])
 
         run_page(job)
-        assert ended(verb) == 0
+        assert exit_code_of(verb) == 0
     subprocess.run(
         [sys.executable, "-m", "baqueano", "experiment", *TWO_S], cwd=tmp_path / "without", env=PLAIN, check=True,
         capture_output=True,
@@ -126,7 +126,7 @@ def test_a_lesson_with_a_page_is_seen_and_its_route_is_stored(tmp_path):
                 assert visitor.frames
 
         run_page(job)
-        assert ended(verb) == 0
+        assert exit_code_of(verb) == 0
     assert read_route(tmp_path / "routes" / "ring.csv").closed
 
 
@@ -147,7 +147,7 @@ def test_a_stop_on_the_page_ends_the_verb_as_a_stop_does(tmp_path):
                 await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(job)
-        assert ended(verb) == 5
+        assert exit_code_of(verb) == 5
     reason = stop_of(read_run(tmp_path / "run.mcap"))
     assert reason.code == StopReason.STOPPED_BY
     assert reason.figures["words"] == "eva"
@@ -175,9 +175,9 @@ def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
             children = processes_of(verb.pid)
             assert children
             verb.send_signal(signal_number)
-            code_of_end = ended(verb)
+            code_of_end = exit_code_of(verb)
             assert code_of_end == (code if code is not None else code_of_end)
-            assert gone(children)
+            assert all_gone(children)
             if signal_number == signal.SIGINT:
                 plain = subprocess.Popen(
                     [sys.executable, "-m", "baqueano", "experiment", "--vehicle", "small", "--seconds", "600"],
@@ -226,7 +226,7 @@ def test_the_page_of_drive_has_the_wheel_and_ends_the_drive(tmp_path):
             await visitor.next("state", where=lambda word: word["state"] == "OVER")
 
         run_page(lambda: at_the_wheel(port, end))
-        assert ended(verb) == 0
+        assert exit_code_of(verb) == 0
     run = read_run(tmp_path / "run.mcap")
     assert run.truth.eta[-1, 0] > 0.2
     assert len([event for event in run.events if event.source == "mark"]) == 1
@@ -245,8 +245,8 @@ def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, signal_number):
                 os.kill(pid, signal_number)
 
         run_page(lambda: at_the_wheel(port, dies))
-        assert ended(verb) == 5
-        assert gone(children)
+        assert exit_code_of(verb) == 5
+        assert all_gone(children)
     run = read_run(tmp_path / "run.mcap")
     assert stop_of(run).code == StopReason.HOLDER_SILENT
     assert stop_of(run).figures["silent_ms"] <= 500.0
@@ -271,13 +271,13 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_verb(tmp_path):
                     await visitor.next(
                         "state", where=lambda word: word["state"] == "MISSION" and visitor.frames
                     )
-                    begun = time.monotonic()
+                    start_s = time.monotonic()
                     await visitor.say("stop")
                     _, came = await asyncio.to_thread(watcher.state, "STOPPED")
-                    assert came - begun < 2.0  # the machine may be busy
+                    assert came - start_s < 2.0  # the machine may be busy
 
             run_page(job)
-            assert ended(verb) == 5
+            assert exit_code_of(verb) == 5
         watcher.close()
     assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_BY
 
@@ -297,7 +297,7 @@ def test_the_page_of_drive_drives_a_robot(tmp_path):
             """Stand there and say nothing, as a hidden tab does: the caller ends the beats."""
 
         run_page(lambda: at_the_wheel(port, silent))
-        assert ended(verb) == 5
+        assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
     assert stop_of(run).code == StopReason.HOLDER_SILENT
     assert run.truth.eta[-1, 0] > 0.2
@@ -317,7 +317,7 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
             await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(lambda: at_the_wheel(port, end))
-        assert ended(verb) == 5
+        assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
     assert np.max(run.truth.eta[:, 0]) > 0.1
     assert not run.applied[-1].any()
@@ -342,10 +342,10 @@ def test_a_repetition_is_seen_and_stopped_in_a_browser_and_replayed_beside_its_g
         ) as verb:
             tab = chromium.tab()
             tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
-            shown(tab, "REPEATING")
-            shown(tab, "from its route")
+            show_text(tab, "REPEATING")
+            show_text(tab, "from its route")
             tab.js(PRESS.format(name="STOP"))
-            assert ended(verb) == 5
+            assert exit_code_of(verb) == 5
             tab.wait("baqueano.page.state.state === 'OVER'", START_S)
             time.sleep(1.0)
             assert not tab.js("baqueano.page.link.tries")  # nobody knocks at a door that has gone
@@ -354,7 +354,7 @@ def test_a_repetition_is_seen_and_stopped_in_a_browser_and_replayed_beside_its_g
         with program("baqueano", "replay", "last", "--page", cwd=tmp_path, env=PLAIN) as verb:
             tab = chromium.tab()
             tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
-            shown(tab, "(ghost)")
+            show_text(tab, "(ghost)")
             assert not tab.errors
             tab.close()
-            assert ended(verb) == 0
+            assert exit_code_of(verb) == 0

@@ -31,20 +31,20 @@ class MyLaw:
 
 
 @pytest.fixture(scope="module")
-def driven():
+def driven_folder():
     return repeat(load("small"), circle(0.3, 0.2))
 
 
 @pytest.fixture
-def folder(tmp_path, driven, monkeypatch):
+def folder(tmp_path, driven_folder, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_blocks.py").write_text(EKF)
     folder_of(tmp_path / "runs")
-    write_run(driven, tmp_path / "runs" / "round.mcap")
+    write_run(driven_folder, tmp_path / "runs" / "round.mcap")
     return tmp_path / "runs"
 
 
-def served(folder, job):
+def serve_job(folder, job):
     async def whole():
         async with recorded_page(folder, "round") as server, browser(server) as visitor:
             await job(visitor)
@@ -65,7 +65,7 @@ def test_gains_come_with_unit_meaning_and_range_and_a_lap_with_its_figures(folde
         assert 0 < lap["rms"] < weak["rms"]
         assert len(lap["x"]) == len(lap["y"]) > 100
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_landscape_is_lowest_where_a_descent_ends(folder):
@@ -82,7 +82,7 @@ def test_a_landscape_is_lowest_where_a_descent_ends(folder):
         assert down["cost"] < least * 1.001
         assert all(a <= g <= b for a, g, b in zip(low, down["way"][-1], high, strict=True))
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_the_newest_question_replaces_the_one_before(folder):
@@ -98,7 +98,7 @@ def test_the_newest_question_replaces_the_one_before(folder):
         assert answers[100]["stale"]
         assert len(answers[101]["costs"]) == 9
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 @pytest.mark.parametrize("gains", [[1.0], ["x", 1, 1, 1], [1e999, 1, 1, 1], None, {"a": 1}])
@@ -106,7 +106,7 @@ def test_what_are_not_gains_is_refused(folder, gains):
     async def job(visitor):
         assert (await visitor.ask("lap", gains=gains, route="run"))["code"] == "web.not-understood"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 @pytest.mark.parametrize("route", ["../runs/round", "none", "/etc/passwd"])
@@ -114,7 +114,7 @@ def test_a_route_is_one_of_the_list(folder, route):
     async def job(visitor):
         assert (await visitor.ask("tune", route=route))["code"] == "door.no-route"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_block_is_shown_with_text_parameters_and_cost_and_is_checked(folder):
@@ -132,7 +132,7 @@ def test_a_block_is_shown_with_text_parameters_and_cost_and_is_checked(folder):
         for room in ("vehicle", "sensors", "supervisor", "guide"):
             assert (await visitor.ask("block", room=room))["text"]
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 @pytest.mark.parametrize("kind", ["os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"])
@@ -143,10 +143,10 @@ def test_a_block_that_is_in_no_list_is_never_executed(folder, kind):
         await visitor.say("open", run=visitor.hello["runs"][0]["id"], filter=kind)
         assert (await visitor.next("no"))["code"] == "web.no-kind"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
-def test_the_same_data_through_another_filter_is_a_second_set(folder, driven):
+def test_the_same_data_through_another_filter_is_a_second_set(folder, driven_folder):
     async def job(visitor):
         await visitor.say("open", run=visitor.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
         heads = [await visitor.next("answer", where=lambda word: word.get("done") is False) for _ in range(2)]
@@ -160,14 +160,14 @@ def test_the_same_data_through_another_filter_is_a_second_set(folder, driven):
         z = [k for k, name in enumerate(names) if name.startswith("z.")]
         assert np.array_equal(rows[0][:, z], rows[1][:, z], equal_nan=True)
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
-def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven):
+def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder):
     from dataclasses import replace
 
-    truth = driven.truth._replace(eta=driven.truth.eta + np.array([0.5, 0.0, 0.0]))
-    write_run(replace(driven, truth=truth, name="off"), folder / "off.mcap")
+    truth = driven_folder.truth._replace(eta=driven_folder.truth.eta + np.array([0.5, 0.0, 0.0]))
+    write_run(replace(driven_folder, truth=truth, name="off"), folder / "off.mcap")
 
     async def job(visitor):
         words = {run["name"]: run["id"] for run in visitor.hello["runs"]}
@@ -177,7 +177,7 @@ def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven):
         assert [row["best"] for row in rows if row["label"].startswith("position (ATE)")] == [0]
         json.dumps(comparison, allow_nan=False)
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_recorded_run_takes_no_swap_and_writes_nothing(folder):
@@ -186,7 +186,7 @@ def test_a_recorded_run_takes_no_swap_and_writes_nothing(folder):
             await visitor.say("swap" if "room" in word else "write", **word)
             assert (await visitor.next("no"))["code"] == "web.no-vehicle"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_stop_does_not_wait_for_a_long_question(folder):
@@ -199,7 +199,7 @@ def test_a_stop_does_not_wait_for_a_long_question(folder):
         await visitor.ask("ping")
         assert asyncio.get_running_loop().time() - began < 0.5
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_gains_are_written_into_a_file_of_ones_own_and_not_into_the_garage(tmp_path):
@@ -207,10 +207,10 @@ def test_gains_are_written_into_a_file_of_ones_own_and_not_into_the_garage(tmp_p
     bench = TuningBench()
     word = {"route": "circle", "gains": [0.25, 1.5, 6.0, 0.2]}
     assert bench.write(word | {"vehicle": str(path)}) == {"file": "vehicle.toml"}
-    written = load(path)
-    assert written.value("controller.k_chi") == 6.0
-    assert written.value("controller.join_m") == 0.2
-    assert written.provenance["controller.k_x"].run == "tune, page"
+    file = load(path)
+    assert file.value("controller.k_chi") == 6.0
+    assert file.value("controller.join_m") == 0.2
+    assert file.provenance["controller.k_x"].run == "tune, page"
     with pytest.raises(UsageError) as no:
         bench.write(word | {"vehicle": "small"})
     assert no.value.diagnostic.code == "web.tune-garage"

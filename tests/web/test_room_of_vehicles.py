@@ -42,7 +42,7 @@ print(json.dumps({"port": port, "found": found, "listens": listens, "title": "<t
 """
 
 
-def allowed():
+def has_namespaces():
     """Return True where this system makes a network of its own."""
     if sys.platform != "linux":
         return False
@@ -53,7 +53,7 @@ def allowed():
 
 
 needs_namespace = pytest.mark.skipif(
-    not allowed(), reason="this system makes no network of its own (unshare --net)"
+    not has_namespaces(), reason="this system makes no network of its own (unshare --net)"
 )
 
 

@@ -141,9 +141,9 @@ def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal
                 assert moves.is_set()
                 await asyncio.to_thread(watcher.state, "MANUAL")
                 os.kill(page.pid, signal_number)
-                begun = time.monotonic()
+                start_s = time.monotonic()
                 state, came = await asyncio.to_thread(watcher.state, "STOPPED")
-                assert came - begun < 2.0  # 0.3 s and the door; the machine may be busy
+                assert came - start_s < 2.0  # 0.3 s and the door; the machine may be busy
                 assert state["why"]["code"] == "operator.silent"
                 drives.cancel()
                 await asyncio.gather(drives, return_exceptions=True)

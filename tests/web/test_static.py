@@ -52,8 +52,8 @@ def test_a_module_imports_what_stands_beside_it(path):
 
 def test_the_scripts_are_small():
     assert sum(path.stat().st_size for path in SCRIPTS) <= JAVASCRIPT_KB * 1000
-    served = static(STATIC)
-    assert sum(len(served[f"/static/{path.name}"].packed) for path in SCRIPTS) <= WIRE_KB * 1000
+    assets = static(STATIC)
+    assert sum(len(assets[f"/static/{path.name}"].packed) for path in SCRIPTS) <= WIRE_KB * 1000
 
 
 def test_the_document_holds_no_script_and_no_style_of_its_own():
@@ -78,8 +78,8 @@ def test_every_text_that_is_asked_for_exists():
 
 def test_every_text_is_used():
     script = source()
-    literal, made = set(LITERAL.findall(script)), tuple(MADE.findall(script))
-    unused = [key for key in texts("en") if key not in literal and not key.startswith(made)]
+    literal, patterns = set(LITERAL.findall(script)), tuple(MADE.findall(script))
+    unused = [key for key in texts("en") if key not in literal and not key.startswith(patterns)]
     assert not unused
 
 
@@ -104,10 +104,10 @@ def test_a_style_loads_nothing(path):
 def test_both_ways_to_the_dark_theme_have_the_same_colours():
     style = (STATIC / "page.css").read_text(encoding="utf-8")
     dark_rules = re.search(r':root:not\(\[data-theme="light"\]\) \{(.*?)\}', style, re.DOTALL)
-    chosen = re.search(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)
+    light_rules = re.search(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)
     assert dark_rules
-    assert chosen
-    assert dark_rules[1].split() == chosen[1].split()
+    assert light_rules
+    assert dark_rules[1].split() == light_rules[1].split()
     light = re.search(r":root \{(.*?)\}", style, re.DOTALL)
     assert light
-    assert set(re.findall(r"--[\w-]+:", chosen[1])) <= set(re.findall(r"--[\w-]+:", light[1]))
+    assert set(re.findall(r"--[\w-]+:", light_rules[1])) <= set(re.findall(r"--[\w-]+:", light[1]))

@@ -19,13 +19,13 @@ def folder(tmp_path):
     return folder_of(tmp_path / "runs", circle=drive(), short=drive("short", 40))
 
 
-def named(run):
+def columns_of(run):
     record = recorded(run)
     return {field["name"]: record.x[:, k] for k, field in enumerate(record.fields)}, record
 
 
 def test_columns_of_a_run_are_what_it_recorded():
-    x, record = named(drive())
+    x, record = columns_of(drive())
     np.testing.assert_allclose(x["t"], 0.01 * np.arange(300), atol=1e-6)
     np.testing.assert_allclose(x["cross"], 0.01, atol=1e-6)
     np.testing.assert_allclose(x["progress"][-1], 2.99, rtol=1e-3)
@@ -46,7 +46,7 @@ def test_columns_of_a_run_are_what_it_recorded():
 def test_a_run_with_any_vehicle_text_is_shown(text):
     from dataclasses import replace
 
-    _, record = named(replace(drive(ticks=20), vehicle_text=text))
+    _, record = columns_of(replace(drive(ticks=20), vehicle_text=text))
     assert record.x.shape[0] == 20
     assert len(record.around["vehicle"]["command"]) == 3
 
@@ -55,7 +55,7 @@ def test_a_run_without_ticks_or_estimates_is_shown():
     from dataclasses import replace
 
     bare = replace(drive(ticks=5), estimate=None, reference=None, requested=None, sensors={}, events=())
-    x, record = named(bare)
+    x, record = columns_of(bare)
     assert np.isnan(x["eta.x"]).all()
     assert record.around["route"] is None
     empty = replace(bare, t_ns=bare.t_ns[:0], applied=bare.applied[:0])

@@ -35,7 +35,7 @@ class Firmware:
         applied.update(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
 
 
-def driven(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
+def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
     """Told (ticks, 2) and true mean duties of each tick."""
     rng, applied, firmware = (
         np.random.default_rng(seed),
@@ -58,13 +58,13 @@ def driven(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
 
 @pytest.mark.parametrize("phase_ms", range(10))
 def test_the_command_of_a_tick_is_that_of_the_tick_in_every_phase(phase_ms):
-    means, true = driven(UNEQUAL, phase_ms)
+    means, true = drive_motors(UNEQUAL, phase_ms)
     np.testing.assert_allclose(means, true, atol=1e-9)
 
 
 @pytest.mark.parametrize("phase_ms", [1, 2])
 def test_what_was_predicted_wrongly_comes_right_and_nothing_adds_up(phase_ms):
-    means, true = driven(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
+    means, true = drive_motors(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
     behind = 0.01 * np.cumsum(means - true, axis=0)
     assert np.max(np.abs(means - true)) > 0.1
     assert np.max(np.abs(behind)) < 0.006, "the duty of three milliseconds, twice as large where it reverses"

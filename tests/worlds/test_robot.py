@@ -49,12 +49,12 @@ class Chip:
         return self.happened
 
 
-def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped=None, mark_ms=0, silent=False):
-    return Telemetry(t_ms * MS, applied, counts, 7.4, marks, mark_ms * MS, stopped, silent)
+def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stop_code=None, mark_ms=0, silent=False):
+    return Telemetry(t_ms * MS, applied, counts, 7.4, marks, mark_ms * MS, stop_code, silent)
 
 
-def sensors(**named):
-    return sensor_slots(tuple(named))(*named.values())
+def sensors(**sensors_by_name):
+    return sensor_slots(tuple(sensors_by_name))(*sensors_by_name.values())
 
 
 def test_a_command_becomes_the_duties_of_two_wheels_and_never_more_than_all():
@@ -118,13 +118,13 @@ def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing
             chip.happened = [SimpleNamespace(message=note("imu.started"))] if k == 1500 else []
             events += robot.look(50 * k * MS)
             if k == 1500:
-                kept = tracemalloc.get_traced_memory()[0]
-        grown = tracemalloc.get_traced_memory()[0] - kept
+                memory_before = tracemalloc.get_traced_memory()[0]
+        growth_bytes = tracemalloc.get_traced_memory()[0] - memory_before
     finally:
         tracemalloc.stop()
     assert [event.code for event in events] == ["encoders.left-silent", "imu.started"]
     assert robot.new_channels() == robot.new_events() == []
-    assert grown < 10_000, "418 bytes a look were kept"
+    assert growth_bytes < 10_000, "418 bytes a look were kept"
     assert robot.battery_v == 7.4
 
 
@@ -212,7 +212,7 @@ def test_a_silent_link_and_a_stopped_firmware_are_reported():
     silent = robot.trouble(300 * MS)
     assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
     latched = stop(StopReason.UNO_LATCHED)
-    line.waiting = [telemetry(310, stopped=latched)]
+    line.waiting = [telemetry(310, stop_code=latched)]
     robot.read(310 * MS)
     assert robot.trouble(310 * MS) == latched
 

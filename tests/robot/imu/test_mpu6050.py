@@ -104,8 +104,8 @@ def test_the_real_rate_is_measured_and_stamps_follow_it(bench, ppm):
     rate = 200.0 * (1.0 + ppm * 1e-6)
     assert device.rate_hz == pytest.approx(rate, abs=device.clock.rate_error_hz + 0.01)
     assert device.rate_hz == pytest.approx(rate, rel=200e-6)
-    taken = np.array(b.chip.taken)
-    error = np.array([np.min(np.abs(taken - s.t_ns)) for s in samples[400:]])
+    sample_times = np.array(b.chip.taken)
+    error = np.array([np.min(np.abs(sample_times - s.t_ns)) for s in samples[400:]])
     assert np.max(error) < 0.4e6, "ns; a tenth of a period and less"
 
 

@@ -141,8 +141,8 @@ def test_rt7_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
     device = start(b)
     loop(b, device, 1.0)
     b.chip.freeze()
-    frozen = loop(b, device, 0.8)
-    assert len(frozen) <= 21
+    samples = loop(b, device, 0.8)
+    assert len(samples) <= 21
     assert kinds(device)[:4] == ["imu.frozen", "imu.restart", "imu.started", "imu.data-missing"]
     assert device.silent
     b.chip.freeze(False)

@@ -55,9 +55,9 @@ def test_lost_samples_are_noticed_and_the_clock_finds_itself_again():
     samples, period, phase = looks(5_000, 20.0, np.random.default_rng(6), 1e-4)
     clock, errors = SampleClock(5e6), []
     for n, (newest, before, after) in enumerate(samples):
-        lost = 3 if n >= 1000 else 0
-        clock.look(newest - lost, before, after)
-        errors.append(clock.stamps(newest - lost, 1)[0] - (phase + period * newest))
+        count_lost = 3 if n >= 1000 else 0
+        clock.look(newest - count_lost, before, after)
+        errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[1300:])) < 0.3e6
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-4)
@@ -67,9 +67,9 @@ def test_samples_lost_at_once_after_the_start_are_noticed_too():
     samples, period, phase = looks(5_000, 5.0, np.random.default_rng(9), 1e-4)
     clock, errors = SampleClock(5e6), []
     for n, (newest, before, after) in enumerate(samples):
-        lost = 2 if n >= 4 else 0
-        clock.look(newest - lost, before, after)
-        errors.append(clock.stamps(newest - lost, 1)[0] - (phase + period * newest))
+        count_lost = 2 if n >= 4 else 0
+        clock.look(newest - count_lost, before, after)
+        errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[200:])) < 0.5e6
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-3)

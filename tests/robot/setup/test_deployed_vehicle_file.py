@@ -150,8 +150,8 @@ def test_a_laptop_without_a_vehicle_file_leaves_the_robots_alone(
     monkeypatch.setattr(install, "bundle", lambda *options: wheels)
     monkeypatch.setattr(install, "machine_at", lambda host: PI)
     monkeypatch.setattr(install, "setup", partial(setup, root=str(pi)))
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["robot", "setup", "r1"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     assert vehicle_toml.read_text() == (SMALL.text if own else "# of the robot\n")
     assert ("does not contain vehicle.toml" in capfd.readouterr().err) != own

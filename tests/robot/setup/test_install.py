@@ -43,9 +43,9 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     assert (pi / "var/lib/baqueano/vehicle.toml").read_text() == "# mine\n"
     calls = (tmp_path / "calls").read_text()
     assert "usermod -aG dialout,gpio,input,baqueano ana" in calls
-    (made,) = [line for line in calls.splitlines() if line.startswith("useradd")]
-    assert "--system" in made
-    assert "--shell /usr/sbin/nologin baqueano" in made
+    (useradd,) = [line for line in calls.splitlines() if line.startswith("useradd")]
+    assert "--system" in useradd
+    assert "--shell /usr/sbin/nologin baqueano" in useradd
     assert f"chown -R baqueano:baqueano {pi}/var/lib/baqueano\nchmod 2775" in calls
     assert "systemctl enable baqueano.service" in calls
     assert not Path(install.THERE).exists()

@@ -40,9 +40,9 @@ def test_stuffing_hides_every_zero_and_comes_undone(body):
 
 def test_stop_is_these_bytes():
     """By hand: kind 4, sequence 0 becomes a distance, CRC of 04 00."""
-    sent = encode(Stop(), 0)
-    assert sent == bytes.fromhex("00 02 04 03") + sent[4:6] + b"\0"
-    assert len(sent) == 7
+    wire = encode(Stop(), 0)
+    assert wire == bytes.fromhex("00 02 04 03") + wire[4:6] + b"\0"
+    assert len(wire) == 7
 
 
 @given(st.lists(st.integers(0, 255), min_size=1, max_size=20), st.randoms(use_true_random=False))

@@ -50,7 +50,7 @@ class Kept(Decoder):
         return frames_received
 
 
-def drawn(whole, rng):
+def drawn_frames(whole, rng):
     """(EACH, 46) of them."""
     return whole[rng.integers(len(whole), size=EACH)]
 
@@ -88,8 +88,8 @@ def cut(frames, rng):
     place = rng.integers(1, 45, EACH)
     n = rng.integers(1, 41, EACH)
     column = np.arange(frames.shape[1])
-    gone = (column >= place[:, None]) & (column < np.minimum(place + n, 45)[:, None])
-    return frames[~gone]
+    cut_bytes = (column >= place[:, None]) & (column < np.minimum(place + n, 45)[:, None])
+    return frames[~cut_bytes]
 
 
 def inserted(frames, rng):
@@ -104,21 +104,24 @@ def inserted(frames, rng):
     return longer[column < (frames.shape[1] + n)[:, None]]
 
 
-def joined(frames, next_frames, rng):
+def joined_frames(frames, next_frames, rng):
     """The head of one with the tail of another."""
     place = rng.integers(2, 44, EACH)
     return np.where(np.arange(frames.shape[1]) < place[:, None], frames, next_frames)
 
 
 DAMAGE = {  # name: (what it does, whether a CRC of 16 bits sees all of it)
-    "3 bits": (lambda whole, rng: flipped(drawn(whole, rng), rng, 3), True),
-    "8 bits": (lambda whole, rng: flipped(drawn(whole, rng), rng, 8), False),
-    "a burst of 16": (lambda whole, rng: burst(drawn(whole, rng), rng, 16), True),
-    "a burst of 40": (lambda whole, rng: burst(drawn(whole, rng), rng, 40), False),
-    "other bytes": (lambda whole, rng: replaced(drawn(whole, rng), rng), False),
-    "bytes lost": (lambda whole, rng: cut(drawn(whole, rng), rng), False),
-    "bytes more": (lambda whole, rng: inserted(drawn(whole, rng), rng), False),
-    "another's tail": (lambda whole, rng: joined(drawn(whole, rng), drawn(whole, rng), rng), False),
+    "3 bits": (lambda whole, rng: flipped(drawn_frames(whole, rng), rng, 3), True),
+    "8 bits": (lambda whole, rng: flipped(drawn_frames(whole, rng), rng, 8), False),
+    "a burst of 16": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 16), True),
+    "a burst of 40": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 40), False),
+    "other bytes": (lambda whole, rng: replaced(drawn_frames(whole, rng), rng), False),
+    "bytes lost": (lambda whole, rng: cut(drawn_frames(whole, rng), rng), False),
+    "bytes more": (lambda whole, rng: inserted(drawn_frames(whole, rng), rng), False),
+    "another's tail": (
+        lambda whole, rng: joined_frames(drawn_frames(whole, rng), drawn_frames(whole, rng), rng),
+        False,
+    ),
 }
 
 

@@ -34,7 +34,7 @@ MOUNTED = MountedImu(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3
 def programs(tmp_path, monkeypatch):
     """`programs(ssh="…")`: shell scripts in front of the path; what they were called with is in the file `calls`."""
 
-    def put(**scripts):
+    def put_scripts(**scripts):
         for name, text in scripts.items():
             path = tmp_path / name
             path.write_text(f'#!/bin/sh\necho "{name} $*" >>{tmp_path}/calls\n{text}\n')
@@ -42,7 +42,7 @@ def programs(tmp_path, monkeypatch):
         monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
         return tmp_path / "calls"
 
-    return put
+    return put_scripts
 
 
 def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
@@ -161,9 +161,9 @@ def at_host(programs, rows):
 
 
 def exit_code(arguments):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(arguments)
-    return ended.value.code
+    return exit_info.value.code
 
 
 def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
