@@ -56,11 +56,11 @@ class Filterpy:
     def __init__(self, keep, P0, R, Q) -> None:
         from filterpy.kalman import ExtendedKalmanFilter
 
-        class Moved(ExtendedKalmanFilter):
+        class AugmentedEkf(ExtendedKalmanFilter):
             def predict_x(self, u=0):
                 self.x = next_state(self.x, u, keep)
 
-        self.ekf, self.keep = Moved(dim_x=13, dim_z=3), keep
+        self.ekf, self.keep = AugmentedEkf(dim_x=13, dim_z=3), keep
         self.ekf.x, self.ekf.P, self.ekf.Q, self.ekf.R = np.zeros(13), P0.copy(), R, Q  # it swaps the letters
 
     def step(self, u, z):

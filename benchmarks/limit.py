@@ -51,10 +51,10 @@ class Case(NamedTuple):
 
     name: str
     block: Any
-    assumed: matched.Assumed
+    assumed: matched.AssumedNoise
 
 
-class Found(NamedTuple):
+class Accuracy(NamedTuple):
     """Of one case."""
 
     name: str
@@ -85,7 +85,7 @@ def cases() -> list[Case]:
     return case_list
 
 
-def simulated(assumed: matched.Assumed, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
+def simulated(assumed: matched.AssumedNoise, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
     """Drives under commands that are held for HOLD ticks."""
     n, rng = round(seconds / matched.DT), np.random.default_rng([seed, 1])
     blocks = -(-n // HOLD)
@@ -95,7 +95,7 @@ def simulated(assumed: matched.Assumed, drives: int, seconds: float, seed: int =
     return matched.drive_matched(assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
 
 
-def accuracy(case: Case, simulated_drives: matched.Drives) -> Found:
+def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
     """Filter and compare."""
     n, drives = simulated_drives.x.shape[:2]
     bound = matched.bound(case.assumed, simulated_drives, 2 + 1 + (case.block.use == BOTH))
@@ -126,7 +126,7 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Found:
     width = {name: BAND * np.sqrt(2.0 / (drives * size)) for name, (_, size) in sums.items()}
     rms = np.sqrt(squares), np.sqrt(np.mean(bound[settled:, 0]))
     t_s = matched.DT * np.arange(1, n + 1)
-    return Found(case.name, t_s, {name: series for name, (series, _) in sums.items()}, width, rms)
+    return Accuracy(case.name, t_s, {name: series for name, (series, _) in sums.items()}, width, rms)
 
 
 def main() -> None:
@@ -158,16 +158,16 @@ def main() -> None:
         _drawing(all_found).savefig(args.plot)
 
 
-def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.Assumed:
+def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.AssumedNoise:
     """Return the noise that the recommended filter believes in."""
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
     walk = np.array([*imu.accel_bias_walk * np.ones(2), imu.gyro_bias_walk])
-    return matched.Assumed(
+    return matched.AssumedNoise(
         start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s, walk, READING
     )
 
 
-def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.Assumed]:
+def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.AssumedNoise]:
     """The filter of the paper's state; of R: ν gains half of what d gains in a tick, and ν̇ = f(ν) + d."""
     walk, d, fade_s = np.array([0.03, 0.01, 0.1]), np.array([0.3, 3.0]), 0.5
     A = -np.diag([matched.ALONG / matched.M[0], matched.ACROSS / matched.M[1], matched.SPIN / matched.I])
@@ -183,7 +183,7 @@ def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.Assumed]:
         initial_std=np.array([*pose, *nu, d[0], 1e-2, d[1]]),
     )  # fmt: skip
     start = np.concatenate([pose, nu, d, np.zeros(5)])
-    return block, matched.Assumed(start, walk, d, np.full(2, fade_s), np.zeros(3), READING)
+    return block, matched.AssumedNoise(start, walk, d, np.full(2, fade_s), np.zeros(3), READING)
 
 
 def kernel_of(block: Any) -> Any:
@@ -212,7 +212,7 @@ def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
     return np.sum(e * np.linalg.solve(cov, e[..., None])[..., 0], axis=-1)
 
 
-def _drawing(all_found: list[Found]) -> Any:
+def _drawing(all_found: list[Accuracy]) -> Any:
     from baqueano.report.figures import over_time
 
     names = list(all_found[0].ratios)[:3]

@@ -26,7 +26,7 @@ INNER = [3, 4, 5, 6, 7, 10, 11, 12]  # s, as entries of x
 OF_FILTER = [*range(10), 12, 13, 14]  # x in the filter's state: its course and bend are certain in this model
 
 
-class Assumed(NamedTuple):
+class AssumedNoise(NamedTuple):
     """The noise that a filter believes in."""
 
     start: np.ndarray  # (13,) standard deviations of x = (η, ν, d, κ, β)
@@ -65,7 +65,7 @@ def readings(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.stack(z, axis=1)
 
 
-def drive_matched(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
+def drive_matched(assumed: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Drives:
     """n drives under u (N, 3).  (1)-(3)"""
     rng, h = np.random.default_rng(seed), DT / STEPS
     x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
@@ -93,7 +93,7 @@ def drive_matched(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
     return Drives(u, np.stack(xs), np.stack(zs))
 
 
-def bound(assumed: Assumed, drives: Drives, m: int) -> np.ndarray:
+def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
     """Variances (N, 3) that no estimator of ν as it is shown can go below, by the first m readings.  (4)"""
     indices = [
         k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0

@@ -56,7 +56,7 @@ def _log(block: AugmentedEkf, n: int) -> tuple[np.ndarray, np.ndarray]:
     u = np.repeat(rng.uniform([0.3, 0.0, -0.5], [0.9, 0.0, 0.5], (-(-n // 50), 3)), 50, axis=0)[:n]
     noise = np.array([*IMU.accel_noise_std, IMU.gyro_noise_std, 0.0])  # and of a speed that no peer reads
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
-    assumed = matched.Assumed(
+    assumed = matched.AssumedNoise(
         start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s,
         np.zeros(3), noise,
     )  # fmt: skip

@@ -66,7 +66,7 @@ def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -
         kernel, assumed = limit.kernel_of(block), limit.assumed_by(block, imu)
         for j, kappa in enumerate(RATIOS):
             n = max(drives // (2 * len(RATIOS)), 2)
-            scaled_noise = matched.Assumed(*(density * np.sqrt(kappa) for density in assumed))._replace(
+            scaled_noise = matched.AssumedNoise(*(density * np.sqrt(kappa) for density in assumed))._replace(
                 fade_s=assumed.fade_s
             )
             simulated_drives = limit.simulated(scaled_noise, n, longest_s, 10 * j + len(use))

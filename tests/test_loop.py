@@ -228,7 +228,7 @@ def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Broken:
+class BrokenBlock:
     """A block whose step does not return."""
 
     def init(self, *start):
@@ -240,7 +240,7 @@ class Broken:
 
 @pytest.mark.parametrize("room", Blocks._fields)
 def test_rt3_every_room_is_guarded(room):
-    records, events, outcome = drive(BLOCKS._replace(**{room: Broken()}), duration_s=3.0)
+    records, events, outcome = drive(BLOCKS._replace(**{room: BrokenBlock()}), duration_s=3.0)
     assert outcome.stopped.code == StopReason.BLOCK_RAISED
     assert outcome.stopped.figures["block"].startswith(f"{room} Broken (")
     assert outcome.stopped.figures["error"] == "RuntimeError: out of ideas"
@@ -261,7 +261,7 @@ def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
     def ends(self, *inputs):
         raise error
 
-    records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (Broken,), {verb: ends})()), 3.0)
+    records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (BrokenBlock,), {verb: ends})()), 3.0)
     code = StopReason.BLOCK_RAISED if verb == "step" else StopReason.BLOCK_RAISED_IN_INIT
     assert outcome.stopped.code == code
     assert outcome.stopped.figures["block"].startswith("guide Ends (")
@@ -271,24 +271,24 @@ def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
 
 
 def test_ctrl_c_in_the_middle_of_a_block_is_not_a_fault_of_the_block():
-    class Interrupted(Broken):
+    class InterruptedBlock(BrokenBlock):
         def step(self, state, *inputs):
             signal.raise_signal(signal.SIGINT)
 
-    _, events, outcome = drive(BLOCKS._replace(guide=Interrupted()))
+    _, events, outcome = drive(BLOCKS._replace(guide=InterruptedBlock()))
     assert outcome.stopped.code == StopReason.INTERRUPTED
     assert len(events) == 1
 
 
 def test_two_blocks_that_fail_one_after_the_other_are_survived():
-    failing = BLOCKS._replace(controller=Broken(), estimator=Broken())
+    failing = BLOCKS._replace(controller=BrokenBlock(), estimator=BrokenBlock())
     records, _, outcome = drive(failing, duration_s=3.0)
     assert outcome.stopped.figures["block"].startswith("estimator Broken")
     assert len(records) == 101
 
 
 def test_a_block_that_fails_before_the_start_moves_nothing():
-    class NoStart(Broken):
+    class NoStart(BrokenBlock):
         def init(self, *start):
             raise KeyError("route")
 

@@ -95,7 +95,7 @@ def site(tmp_path_factory):
     return out
 
 
-class Fetched(HTMLParser):
+class AddressReader(HTMLParser):
     """Collect what a browser fetches by itself, and where links lead."""
 
     def __init__(self):
@@ -113,7 +113,7 @@ class Fetched(HTMLParser):
 
 
 def page_parts(page):
-    reader = Fetched()
+    reader = AddressReader()
     reader.feed(page.read_text(encoding="utf-8"))
     return reader
 

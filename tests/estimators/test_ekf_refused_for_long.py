@@ -27,7 +27,7 @@ DRIVING = (t_s >= REST_S) & (t_s < END_S - STILL_S)
 U = np.outer(DRIVING, [0.5, 0.0, 0.0]) + np.outer(DRIVING * np.sign(np.sin(2.0 * t_s)), [0.0, 0.0, 0.45])
 
 
-class Seen(NamedTuple):
+class Consequence(NamedTuple):
     """What a filter made of a run."""
 
     error: np.ndarray  # (N, 3) of ν
@@ -55,7 +55,7 @@ def kernel():
     return scan(ekf.step, ekf.init(), example)
 
 
-def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
+def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
     """The filter over the commands of `run`, and over `z` (N, 3) in place of what its IMU said."""
     imu, t_ns = run.sensors["imu"], run.t_ns
     has: Any = np.ones(len(t_ns))
@@ -70,7 +70,7 @@ def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
     health = Health()
     reasons = [bool(health.check(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)]
     at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refusals, reasons)]
-    return Seen(out.nu - run.truth.nu, refusals, *at)
+    return Consequence(out.nu - run.truth.nu, refusals, *at)
 
 
 def broken_readings(run: Run, fault: str) -> np.ndarray:

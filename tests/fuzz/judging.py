@@ -25,7 +25,7 @@ class Silent(Exception):
 
 
 @dataclass
-class Judged:
+class Outcome:
     """The results of the inputs of one format."""
 
     values: int = 0
@@ -61,9 +61,9 @@ def within(limit_s: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def judge(read_mutant: Callable[[int], object], numbers: Iterable[int]) -> Judged:
+def judge(read_mutant: Callable[[int], object], numbers: Iterable[int]) -> Outcome:
     """Return what becomes of the inputs of these numbers."""
-    outcome = Judged()
+    outcome = Outcome()
     for number in numbers:
         start_s = time.perf_counter()
         try:

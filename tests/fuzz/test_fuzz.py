@@ -23,7 +23,7 @@ from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load, parse
 from tests.fuzz.formats import FORMATS, SEED, draw
-from tests.fuzz.judging import Judged, judge
+from tests.fuzz.judging import Outcome, judge
 
 SHARE_S = 12.0 if os.environ.get("CI") else 3.0  # of each of six formats
 LEAST, MOST = 60, 20_000
@@ -61,7 +61,7 @@ def repeat_line(name, outcome):
 
 
 def test_a_finding_is_judged_again_by_what_is_typed(monkeypatch):
-    outcome = Judged(findings={"hang": [17, 30]})
+    outcome = Outcome(findings={"hang": [17, 30]})
     (line,) = repeat_line("csv", outcome).splitlines()
     assert f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ=17:18 pytest" in line
     monkeypatch.setenv("BAQUEANO_FUZZ", "17:18")

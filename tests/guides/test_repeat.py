@@ -113,7 +113,7 @@ class Plain:
         return state, Repeat.along(circle(0.3, 0.2), self.laps).step(Repeat.along(LINE).init(), estimate)[1]
 
 
-class Slotted(Plain):
+class SlottedGuide(Plain):
     __slots__ = ("laps",)
 
 
@@ -122,7 +122,7 @@ class Without:
         return None
 
 
-@pytest.mark.parametrize("guide", [Plain(), Slotted(), Repeat.along(LINE), SinuousCircle()])
+@pytest.mark.parametrize("guide", [Plain(), SlottedGuide(), Repeat.along(LINE), SinuousCircle()])
 def test_a_guide_of_any_class_is_given_its_laps_and_stays_as_it_is(guide):
     repeated = with_laps(guide, 3)
     assert (type(repeated), repeated.laps, guide.laps) == (type(guide), 3, 1)
@@ -135,10 +135,10 @@ def test_a_guide_that_knows_no_laps_stays_as_it_is():
 
 
 def test_laps_that_are_checked_or_cannot_be_set_are_refused_in_words():
-    class Fixed:
+    class GuideOfConstantLaps:
         laps = property(lambda self: 1)
 
-    with refused("route.laps-kept", UsageError, kind="Fixed", before=1, laps=3):
-        with_laps(Fixed(), 3)
+    with refused("route.laps-kept", UsageError, kind="GuideOfConstantLaps", before=1, laps=3):
+        with_laps(GuideOfConstantLaps(), 3)
     with refused("route.laps-kept", UsageError):
         with_laps(Repeat.along(LINE), -1)

@@ -123,9 +123,9 @@ def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 
 
-def test_a_fit_in_pieces_is_the_same_by_both(case, driven, monkeypatch):
+def test_a_fit_in_pieces_is_the_same_by_both(case, case_run, monkeypatch):
     """All along a search: the steps, the end, the errors."""
-    run, free = driven(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
+    run, free = case_run(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
     pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     monkeypatch.setattr(simulated, "places_of", lambda layout: None)
     whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))

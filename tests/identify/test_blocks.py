@@ -19,11 +19,11 @@ from baqueano.vehicle_file import load
 
 
 @pytest.fixture
-def end(case, driven):
+def end(case, case_run):
     """(a finished search over two runs with biases, the information there)."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda task: task)
-        fit = identify([driven(seed, 20.0) for seed in range(2)], case)
+        fit = identify([case_run(seed, 20.0) for seed in range(2)], case)
     return fit, information(fit.task.problem, fit.search.solution.theta)
 
 
@@ -134,10 +134,10 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(wit
     assert sum(inside) > 120
 
 
-def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch):
+def test_pieces_in_which_a_model_ran_away_tell_nothing(case, case_run, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda task: task)
-        fit = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
+        fit = identify(case_run(0, 24.0), case, options=FitOptions(segment_s=4.0))
     problem, theta, identifiable = (
         fit.task.problem,
         fit.search.solution.theta,

@@ -24,33 +24,33 @@ def codes(findings):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_named(case, driven, seed):
+def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_named(case, case_run, seed):
     """Its gains make up for a swap but for the sign of what a turn feels like."""
-    fit = identify(with_imu(driven(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
+    fit = identify(with_imu(case_run(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
     assert fit.verdict == "REFUSED"
     assert "mount.swapped" in codes(fit.reasons)
     assert "axes.inverted" not in codes(fit.reasons)
 
 
 @pytest.mark.parametrize(("axis", "which"), [(0, "first"), (1, "second"), (2, "third")])
-def test_an_inverted_axis_is_named_with_its_line(case, driven, axis, which):
+def test_an_inverted_axis_is_named_with_its_line(case, case_run, axis, which):
     sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-    fit = identify(with_imu(driven(0, 20.0), lambda z: z * sign), case)
+    fit = identify(with_imu(case_run(0, 20.0), lambda z: z * sign), case)
     assert fit.verdict == "REFUSED"
     assert f"mount.{which}-inverted" in codes(fit.reasons)
 
 
-def test_motors_that_are_swapped_are_not_taken_for_an_imu_that_is(case, driven):
+def test_motors_that_are_swapped_are_not_taken_for_an_imu_that_is(case, case_run):
     """Everything is explained as it is: only the file says otherwise."""
-    run = driven(0, 20.0)
+    run = case_run(0, 20.0)
     fit = identify(replace(run, applied=run.applied * [1.0, 1.0, -1.0]), case)
     assert "model.actuator_matrix[2,2]" in {reason.subject for reason in fit.reasons}
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 
 
-def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, driven):
+def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, case_run):
     """A dead zone that the model lacks."""
-    run, limit = driven(0, 20.0), np.maximum(case.command.limit, 1e-9)
+    run, limit = case_run(0, 20.0), np.maximum(case.command.limit, 1e-9)
     part = run.applied / limit
     weak = np.sign(part) * np.maximum(np.abs(part) - 0.2, 0.0) * limit
     fit = identify(replace(simulate(case, weak, 0), applied=run.applied), case)

@@ -20,23 +20,23 @@ def codes(findings):
     return [finding.code for finding in findings]
 
 
-def test_a_sound_run_is_given_back_as_it_is(driven):
-    run = driven(0, 20.0)
+def test_a_sound_run_is_given_back_as_it_is(case_run):
+    run = case_run(0, 20.0)
     pieces, findings = check_timestamps(run, 100.0)
     assert findings == []
     assert pieces == [run]
 
 
-def test_id3_half_a_step_of_jitter_is_not_a_burst(driven):
-    run = driven(0, 20.0)
+def test_id3_half_a_step_of_jitter_is_not_a_burst(case_run):
+    run = case_run(0, 20.0)
     jitter = np.random.default_rng(0).uniform(-0.45e7, 0.45e7, len(run.t_ns)).astype(np.int64)
     pieces, findings = check_timestamps(move_stamps(run, lambda t: t + jitter), 100.0)
     assert findings == []
     assert len(pieces) == 1
 
 
-def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off):
-    run = driven(0, 20.0)
+def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(case_run, case, off):
+    run = case_run(0, 20.0)
     jump = move_stamps(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
     pieces, findings = check_timestamps(jump, 100.0)
     assert [len(piece.t_ns) for piece in pieces] == [900, 1100]
@@ -47,8 +47,8 @@ def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off)
     assert [note.figures["jumps"] for note in fit.notes if note.code == "time.jump"] == [1]
 
 
-def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven):
-    run = driven(0, 20.0)
+def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(case_run):
+    run = case_run(0, 20.0)
     jumps = move_stamps(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
     pieces, several = check_timestamps(jumps, 100.0)
     (finding,) = (finding for finding in several if finding.code.startswith("time.jump"))
@@ -59,8 +59,8 @@ def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven
 @pytest.mark.parametrize(
     ("factor", "guess"), [(1000.0, "milliseconds-as-seconds"), (0.001, "seconds-as-milliseconds")]
 )
-def test_a_clock_in_another_unit_is_refused_by_its_name(driven, case, factor, guess):
-    run = driven(0, 20.0)
+def test_a_clock_in_another_unit_is_refused_by_its_name(case_run, case, factor, guess):
+    run = case_run(0, 20.0)
     first = run.t_ns[0]
     wrong = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
     fit = identify(wrong, case)
@@ -77,8 +77,8 @@ def test_bursts_are_spread_from_the_end_of_one_to_the_end_of_the_next():
     assert np.max(np.abs(spread(burst) - regular)) < 10_000
 
 
-def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(driven, case, off):
-    run = driven(0, 20.0)
+def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(case_run, case, off):
+    run = case_run(0, 20.0)
     c = run.sensors["imu"]
     last = np.minimum((np.arange(len(c.t_ns)) // 6 + 1) * 6 - 1, len(c.t_ns) - 1)
     imu = Channel(c.t_ns[last] - (last - np.arange(len(last))) * 20_000, c.arrival_ns[last], c.z)
@@ -88,8 +88,8 @@ def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(driven, case, 
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_samples_whose_stamp_is_not_their_time_are_left_out(driven, case, off):
-    run = driven(0, 20.0)
+def test_samples_whose_stamp_is_not_their_time_are_left_out(case_run, case, off):
+    run = case_run(0, 20.0)
     c = run.sensors["imu"]
     back = np.arange(len(c.t_ns)) > 1200
     imu = c._replace(t_ns=c.t_ns - back * 3600 * 10**9)
@@ -100,8 +100,8 @@ def test_samples_whose_stamp_is_not_their_time_are_left_out(driven, case, off):
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_id3_stamps_that_repeat_are_left_out(driven):
-    run = driven(0, 20.0)
+def test_id3_stamps_that_repeat_are_left_out(case_run):
+    run = case_run(0, 20.0)
     c = run.sensors["imu"]
     t_ns = c.t_ns.copy()
     t_ns[100:200:10] = t_ns[99:199:10]

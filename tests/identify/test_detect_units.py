@@ -25,22 +25,22 @@ def guesses(fit):
     return {reason.figures["guess"].code for reason in fit.reasons if reason.figures.get("guess")}
 
 
-def test_id2_a_gyro_in_degrees_is_refused(driven, case):
-    fit = identify(with_imu(driven(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
+def test_id2_a_gyro_in_degrees_is_refused(case_run, case):
+    fit = identify(with_imu(case_run(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
     assert "gyro.too-fast" in reasons(fit) or "guess.degrees" in guesses(fit)
 
 
-def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, driven):
+def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, case_run):
     slow = case.with_values({"command.limit": [20.0, 0.0, 6.0]})
-    fit = identify(with_imu(driven(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
+    fit = identify(with_imu(case_run(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
     assert "guess.degrees" in guesses(fit)
     assert {"file.gain", "file.far-gain"} & reasons(fit).keys()
 
 
-def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(driven, case):
-    fit = identify(with_imu(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
+def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(case_run, case):
+    fit = identify(with_imu(case_run(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
     assert fit.verdict != "USABLE"
     assert "guess.g" in guesses(fit)
 
@@ -56,12 +56,12 @@ def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
     assert reasons(fit)["command.unit"].figures["guess"] == guess
 
 
-def test_gravity_in_the_plane_is_reported(driven, case):
+def test_gravity_in_the_plane_is_reported(case_run, case):
     def upright(z):
         z[:, 1] = 9.80665 + 0.05 * np.random.default_rng(0).standard_normal(len(z))
         return z
 
-    fit = identify(with_imu(driven(0, 20.0), upright), case)
+    fit = identify(with_imu(case_run(0, 20.0), upright), case)
     assert fit.verdict != "USABLE"
     (tilted,) = (
         reason for code, reason in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
@@ -120,9 +120,9 @@ def test_an_inverted_gain_is_reported_where_nothing_else_contradicts_it(case):
     assert (findings[0].figures["now"], findings[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
 
 
-def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(driven, case):
+def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(case_run, case):
     guess = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
-    assert identify(driven(0, 20.0), guess).verdict == "USABLE"
+    assert identify(case_run(0, 20.0), guess).verdict == "USABLE"
 
 
 @pytest.mark.parametrize(
@@ -141,6 +141,6 @@ def test_a_gain_that_is_half_or_double_that_of_the_file_is_not_a_reason_and_anot
     assert [finding.code for finding in findings] == codes
 
 
-def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):
-    fit = identify(driven(0, 20.0).cut(2.0, 2.5), case)
+def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(case_run, case):
+    fit = identify(case_run(0, 20.0).cut(2.0, 2.5), case)
     assert fit.verdict == "REFUSED"

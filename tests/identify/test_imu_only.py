@@ -195,14 +195,14 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
 
 
 def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
-    class Asked(Exception):
+    class SolverCall(Exception):
         pass
 
     def solver(*args, **options):
-        raise Asked
+        raise SolverCall
 
     file, run, _ = fitted
-    with pytest.raises(Asked):
+    with pytest.raises(SolverCall):
         identify(run, file, use=("imu",), solver=solver)
 
 

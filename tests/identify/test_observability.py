@@ -45,7 +45,7 @@ def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(
     assert "not identifiable" in fit.table()
 
 
-def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, driven):
+def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, case_run):
     names = (
         "mass_kg",
         "friction.linear[0]",
@@ -54,7 +54,7 @@ def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, dri
         "actuator_matrix[0,0]",
     )
     free = [f"model.{name}" for name in (*names, "friction.quadratic[1]")]
-    fit = identify(driven(0, 20.0), case, free, options=FitOptions(start={"model.mass_kg": 1.6}))
+    fit = identify(case_run(0, 20.0), case, free, options=FitOptions(start={"model.mass_kg": 1.6}))
     assert unseen_names(fit) == {"mass_kg"}
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
@@ -73,8 +73,8 @@ def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
     assert len(fit.channels) == 3  # what was measured is shown all the same
 
 
-def test_inverted_gyro_is_refused_or_doubted(case, driven):
-    run = driven(0, 20.0)
+def test_inverted_gyro_is_refused_or_doubted(case, case_run):
+    run = case_run(0, 20.0)
     z = run.sensors["imu"].z * [1.0, 1.0, -1.0]
     fit = identify(replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)}), case)
     assert fit.verdict != "USABLE"
@@ -124,8 +124,8 @@ def test_what_never_moved_sideways_is_reported_of_what_is_held(case):
     assert (note.code, note.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
 
 
-def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, driven):
-    fit = identify(driven(0, 30.0), case)
+def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, case_run):
+    fit = identify(case_run(0, 30.0), case)
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
     assert len(fit.never) == 1

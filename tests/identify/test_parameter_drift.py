@@ -87,12 +87,12 @@ def test_slow_wear_is_a_drift(case):
     assert (drift.after - drift.before) / drift.before == pytest.approx(0.35, abs=0.05)
 
 
-def test_one_run_is_not_a_history(case, driven):
+def test_one_run_is_not_a_history(case, case_run):
     with pytest.raises(UsageError, check=of_code("over-time.few-runs", count=1)):
-        parameter_history([driven(0, 3.0)], case, free=FREE)
+        parameter_history([case_run(0, 3.0)], case, free=FREE)
 
 
-def test_runs_that_tell_nothing_are_named(case, driven):
+def test_runs_that_tell_nothing_are_named(case, case_run):
     resting = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
     with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
-        parameter_history([driven(0, 10.0), resting], case, free=FREE, options=FitOptions(biases=False))
+        parameter_history([case_run(0, 10.0), resting], case, free=FREE, options=FitOptions(biases=False))

@@ -11,9 +11,9 @@ from baqueano.identify.diagnostics.score_test import fit_residuals
 
 
 @pytest.fixture
-def end(case, driven):
+def end(case, case_run):
     """A finished search, its own for each test."""
-    return fit_at_rest(driven(0, 6.0), case)
+    return fit_at_rest(case_run(0, 6.0), case)
 
 
 def fit_at_rest(run, case):
@@ -41,8 +41,8 @@ def predictions(problem, theta):
     return problem.z[0] - np.asarray(problem.scan.run(rows, theta)[1])
 
 
-def test_predictions_are_there_where_no_reading_is(end, case, driven):
-    run = driven(0, 6.0)
+def test_predictions_are_there_where_no_reading_is(end, case, case_run):
+    run = case_run(0, 6.0)
     z = run.sensors["imu"].z.copy()
     z[100:200, 1] = np.nan
     few = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})

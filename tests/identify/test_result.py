@@ -15,8 +15,8 @@ from tests.codes import of_code
 
 
 @pytest.fixture(scope="module")
-def fit(case, driven):
-    return identify(driven(0, 20.0), case)
+def fit(case, case_run):
+    return identify(case_run(0, 20.0), case)
 
 
 def test_rows_are_flat_and_fit_for_json(fit):
@@ -34,9 +34,9 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert any(line.startswith("USABLE: ") for line in lines)
 
 
-def test_what_was_asked_for_run_by_run_is_reported(case, driven):
-    fit = identify(driven(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
-    plain = identify(driven(0, 10.0), case)
+def test_what_was_asked_for_run_by_run_is_reported(case, case_run):
+    fit = identify(case_run(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
+    plain = identify(case_run(0, 10.0), case)
     rows = [row for row in fit.run_by_run() if row["name"] == "clock.truth"]
     assert len(rows) == 1
     assert set(rows[0]) == {"run", "name", "estimate", "sd"}
@@ -90,15 +90,15 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
         ({"sigma": {"imu": [0.1, 0.1, 0.0]}}, "sigma.negative"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_words(case, driven, options, code):
+def test_what_makes_no_sense_is_refused_in_words(case, case_run, options, code):
     arguments = {name: value for name, value in options.items() if name in ("free", "use")}
     fit_options = {name: value for name, value in options.items() if name not in arguments}
     with pytest.raises(UsageError, check=of_code(code)):
-        identify(driven(0, 20.0), case, **arguments, options=FitOptions(**fit_options))
+        identify(case_run(0, 20.0), case, **arguments, options=FitOptions(**fit_options))
 
 
-def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
-    run = driven(0, 20.0)
+def test_runs_that_cannot_be_fitted_are_refused_in_words(case, case_run):
+    run = case_run(0, 20.0)
     imu = run.sensors["imu"]
     cases = {
         "runs.none": [],
@@ -173,8 +173,8 @@ def test_what_swings_is_reported_as_that_and_not_as_a_floor(small):
     assert not {"residual.not-white", "cost.try-innovations"} & {note.code for note in fit.notes}
 
 
-def test_what_was_done_to_the_data_is_reported(case, driven):
-    run = driven(0, 20.0)
+def test_what_was_done_to_the_data_is_reported(case, case_run):
+    run = case_run(0, 20.0)
     imu = run.sensors["imu"]
     z = imu.z.copy()
     z[100:110] = z[99]  # held

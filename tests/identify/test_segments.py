@@ -17,8 +17,8 @@ from tests.codes import of_code
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
 
 
-def test_pieces_hold_every_measurement_once(case, driven):
-    whole = record_of(driven(0, 12.0), case.sensors._asdict())
+def test_pieces_hold_every_measurement_once(case, case_run):
+    whole = record_of(case_run(0, 12.0), case.sensors._asdict())
     pieces = cut(whole, 2.5, 0.3)
     assert len(pieces) == 5
     assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
@@ -27,15 +27,15 @@ def test_pieces_hold_every_measurement_once(case, driven):
     np.testing.assert_array_equal(times_kept, whole.t_s)
 
 
-def test_a_piece_begins_before_its_first_measurement(case, driven):
-    whole = record_of(driven(0, 12.0), case.sensors._asdict())
+def test_a_piece_begins_before_its_first_measurement(case, case_run):
+    whole = record_of(case_run(0, 12.0), case.sensors._asdict())
     pieces = cut(whole, 2.5, 0.0)
     assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
     assert all(not p.sensors["imu"].has[: p.lead].any() for p in pieces)
 
 
-def test_what_was_measured_before_the_first_tick_is_left_out(case, driven):
-    run = driven(0, 3.0)
+def test_what_was_measured_before_the_first_tick_is_left_out(case, case_run):
+    run = case_run(0, 3.0)
     imu = run.sensors["imu"]
     t_ns = imu.t_ns - 2_000_000
     early = replace(run, sensors={"imu": imu._replace(t_ns=t_ns)})
@@ -44,8 +44,8 @@ def test_what_was_measured_before_the_first_tick_is_left_out(case, driven):
     assert has[1:].all()
 
 
-def test_a_piece_longer_than_the_run_is_the_run(case, driven):
-    whole = record_of(driven(0, 4.0), case.sensors._asdict())
+def test_a_piece_longer_than_the_run_is_the_run(case, case_run):
+    whole = record_of(case_run(0, 4.0), case.sensors._asdict())
     (piece,) = cut(whole, 60.0, 0.5)
     assert piece.lead == 0
     np.testing.assert_array_equal(piece.u, whole.u)
@@ -80,8 +80,8 @@ def test_slopes_without_the_start_of_their_piece_have_the_information_without_st
     np.testing.assert_allclose(without_start, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
-def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, driven, off):
-    run = driven(3, 40.0)
+def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, case_run, off):
+    run = case_run(3, 40.0)
     whole = identify(run, case, FREE)
     pieces = identify(run, case, FREE, options=FitOptions(segment_s=4.0))
     assert np.max(np.abs(off(pieces, case))) < 4.0
@@ -101,8 +101,8 @@ def test_a_slip_that_the_lead_forgets_does_not_lead_the_search_astray(small, see
     assert fit.evaluations < 60  # 424 to 800 where a piece may begin with any slip
 
 
-def test_cores_sum_as_one_does(case, driven, monkeypatch):
-    runs = [driven(k, 25.0) for k in range(2)]
+def test_cores_sum_as_one_does(case, case_run, monkeypatch):
+    runs = [case_run(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
     monkeypatch.setattr(import_module("baqueano.identify.parallel"), "ENOUGH", 10**9)
     serial = identify(runs, case, FREE)
@@ -110,9 +110,9 @@ def test_cores_sum_as_one_does(case, driven, monkeypatch):
     np.testing.assert_array_equal(together.cov, serial.cov)
 
 
-def test_each_run_may_have_a_number_for_itself(case, driven):
+def test_each_run_may_have_a_number_for_itself(case, case_run):
     scales = (1.0, 1.05)
-    runs = [driven(k, 15.0, case.with_values({"sensors.imu.gyro_scale": s})) for k, s in enumerate(scales)]
+    runs = [case_run(k, 15.0, case.with_values({"sensors.imu.gyro_scale": s})) for k, s in enumerate(scales)]
     fit = identify(
         runs, case, ["model.friction.linear[0]"], options=FitOptions(per_run=["sensors.imu.gyro_scale"])
     )
@@ -152,11 +152,11 @@ def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed_run, small):
     assert fit.own_sd[0, c] < 0.005
 
 
-def test_a_clock_of_what_is_not_believed_is_refused(case, driven):
+def test_a_clock_of_what_is_not_believed_is_refused(case, case_run):
     with pytest.raises(UsageError, check=of_code("clock.unreliable", known="imu")):
-        identify(driven(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
+        identify(case_run(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 
-def test_pieces_need_a_length(case, driven):
+def test_pieces_need_a_length(case, case_run):
     with pytest.raises(UsageError, check=of_code("segment.length", length_s=0.0)):
-        identify(driven(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))
+        identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))

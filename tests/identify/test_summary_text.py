@@ -37,8 +37,8 @@ def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of
     assert marks(of) == mark
 
 
-def test_the_table_marks_what_the_rows_say(driven, case):
-    fit = identify(driven(0, 4.0), case)
+def test_the_table_marks_what_the_rows_say(case_run, case):
+    fit = identify(case_run(0, 4.0), case)
     lines = fit.table().splitlines()[1:]
     doubtful = [row["name"] for row in fit.rows() if row["sd"] and abs(row["estimate"]) < 1.96 * row["sd"]]
     assert doubtful
@@ -98,8 +98,8 @@ def test_one_reason_stands_beside_the_verdict_and_nothing_is_reported_of_a_rest_
     assert lines_of(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
 
 
-def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(driven, case):
-    fit = identify(driven(0, 2.0), case)
+def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(case_run, case):
+    fit = identify(case_run(0, 2.0), case)
     assert fit.verdict != "USABLE"
     lines = verdict_lines(fit)
     assert len(lines) <= MOST

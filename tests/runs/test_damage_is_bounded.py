@@ -32,7 +32,7 @@ class InChunks(NamedTuple):
         return f"{len(self.chunks)} chunks"
 
 
-class Counted(bytes):
+class CountedBytes(bytes):
     """Bytes that count how many of them were searched."""
 
     searched = 0
@@ -104,7 +104,7 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(
     before, after = {"end": (data[:cut], b""), "middle": (data[:cut], data[cut:]), "alone": (MAGIC, b"")}[
         place
     ]
-    spoilt = Counted(before + FILLED[fill](SIZE) + after)
+    spoilt = CountedBytes(before + FILLED[fill](SIZE) + after)
     scan = mcap_records.scan(spoilt)
     assert spoilt.searched <= 2 * len(spoilt)
     assert len(records) <= len(spoilt) // 8 + 1

@@ -39,17 +39,17 @@ def test_a_route_begins_where_a_robot_of_the_truth_does():
 
 def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives: int = 10) -> Controllers:
     """Ten drives of the paper's PD and of one with `best` times its error."""
-    rng, driven = np.random.default_rng(0), []
+    rng, drive_results = np.random.default_rng(0), []
     for label, part in (("pd", 1.0), ("mine", best)):
         for k in range(drives):
             e = part * 0.02 * np.exp(0.02 * rng.standard_normal())
             pieces = {"across_rms_m": Pieces((1000.0 * e * e,), (1000.0,))}
-            driven.append(
+            drive_results.append(
                 SweepDrive(
                     SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stop_code
                 )
             )
-    result_of = SweepResult(tuple(driven), 0, "pd")
+    result_of = SweepResult(tuple(drive_results), 0, "pd")
     contestants = (
         Contestant("pd", "pd", {"alpha": 1.0}, ()),
         Contestant("mine", "my.py:Mine", {"k": 1.0}, bound),

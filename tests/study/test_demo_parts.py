@@ -10,7 +10,7 @@ from baqueano.study.demo import GUESS, Demo
 from baqueano.vehicle_file import load
 
 
-class Found:
+class FitResult:
     """A fit, as far as the table of the demo looks at it."""
 
     def __init__(self, names, estimate, sd):
@@ -27,7 +27,7 @@ class Found:
 def demo_of(names, estimate, sd) -> Demo:
     demo = object.__new__(Demo)
     object.__setattr__(demo, "truth", load("small"))
-    object.__setattr__(demo, "fit", Found(names, estimate, sd))
+    object.__setattr__(demo, "fit", FitResult(names, estimate, sd))
     return demo
 
 

@@ -93,8 +93,8 @@ def marks_of(error_m, sd_m, laps=5, across_m=0.02, reading_mode="all read"):
     error = np.tile([error_m, 0.0, 0.0], (10 * laps, 2, 1))
     cov = np.tile(np.diag([sd_m**2, sd_m**2, 1e-4]), (10 * laps, 2, 1, 1))
     across = np.tile([across_m, -0.01], (10 * laps, 1))
-    driven = Laps(error, cov, across, np.zeros(2, bool), ())
-    return Marks(tuple(laps_of(driven, "eight", reading_mode, [3, 4], laps)), 2, laps, ())
+    laps_per_run = Laps(error, cov, across, np.zeros(2, bool), ())
+    return Marks(tuple(laps_of(laps_per_run, "eight", reading_mode, [3, 4], laps)), 2, laps, ())
 
 
 def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_not_an_excuse():

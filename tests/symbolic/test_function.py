@@ -198,7 +198,7 @@ def test_a_compiled_block_is_compiled_once_for_each_shape():
 
 
 @dataclass
-class Scaled:
+class ScaledBlock:
     gain: float
 
     def step(self, x):
@@ -215,7 +215,7 @@ def kept_traces(monkeypatch):
 def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept_traces):
     for k, gain in enumerate((2.0, 2, 0.0, -0.0)):
         for _ in range(2):
-            assert compiled(Scaled(gain), "python").step(3.0) == 3.0 * gain
+            assert compiled(ScaledBlock(gain), "python").step(3.0) == 3.0 * gain
             assert len(kept_traces) == k + 1
     for k in range(30):
         block = Filter(np.array([1.0, 2.0 + k]))
@@ -226,7 +226,7 @@ def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept_traces):
 
 def test_a_block_with_more_than_its_fields_is_traced_each_time(kept_traces):
     for gain in (2.0, 3.0):
-        block = Scaled(1.0)
+        block = ScaledBlock(1.0)
         block.gain, block.hidden = gain, None
         assert compiled(block, "python").step(1.0) == gain
     assert not kept_traces

@@ -33,7 +33,7 @@ class Push(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Said:
+class FilterOutput:
     t_ns: int
     y: np.ndarray
     late: bool
@@ -54,7 +54,7 @@ def filtered(theta, state, push):
     corrected = x + K @ (push.z - H @ x), A @ cov @ A.T + 0.04 * K @ K.T
     x, cov = (np.where(push.has, a, b) for a, b in zip(corrected, (x, cov), strict=True))
     armed = state.armed | push.has
-    return State(push.t_ns, x, cov, armed), Said(push.t_ns, x, push.t_ns - state.t_ns > 10)
+    return State(push.t_ns, x, cov, armed), FilterOutput(push.t_ns, x, push.t_ns - state.t_ns > 10)
 
 
 def residuals(theta, state, push):
@@ -113,7 +113,7 @@ def test_a_run_is_the_loop_over_the_ticks(kernel, backend):
     last, output = kernel.run(pushes(), THETA)
     expected, outputs = by_hand(filtered, THETA)
     assert type(last) is State
-    assert type(output) is Said
+    assert type(output) is FilterOutput
     close(last.x, expected.x)
     close(last.cov, expected.cov)
     close(output.y, [output.y for output in outputs])

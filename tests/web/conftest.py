@@ -3,7 +3,7 @@
 import pytest
 
 from tests.web.chromium import SIZES, Chromium
-from tests.web.scripted import Scripted
+from tests.web.scripted import ScriptedServer
 
 
 @pytest.fixture(scope="module")
@@ -22,11 +22,11 @@ def tab(browser):
 
 @pytest.fixture
 def live():
-    with Scripted("live") as server:
+    with ScriptedServer("live") as server:
         yield server
 
 
 @pytest.fixture
 def replay():
-    with Scripted("replay") as server:
+    with ScriptedServer("replay") as server:
         yield server

@@ -158,8 +158,8 @@ def packed_rows(number: int, first: int, count: int, off: float = 0.02) -> bytes
     return struct.pack("<IId", number, count, first / RATE) + struct.pack(f"<{len(flat)}f", *flat)
 
 
-class Scripted:
-    """`with Scripted("live") as server:`, then server.url, server.messages, server.put(word)."""
+class ScriptedServer:
+    """`with ScriptedServer("live") as server:`, then server.url, server.messages, server.put(word)."""
 
     def __init__(
         self, mode: str, *, ghost: bool = False, world: str = "simulated", name: str = "small"
@@ -174,7 +174,7 @@ class Scripted:
         self.paused, self.pace, self.shared = False, 1.0, False
         self.faults = Faults()
 
-    def __enter__(self) -> "Scripted":
+    def __enter__(self) -> "ScriptedServer":
         self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.1"])  # pyright: ignore
         self.port = self._server.socket.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/"

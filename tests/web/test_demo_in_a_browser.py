@@ -73,7 +73,7 @@ def test_a_demo_opens_a_tab_within_20_s_shows_all_of_it_and_ends_by_itself(tmp_p
     assert (tmp_path / "demo" / "report.html").exists()
 
 
-class Simulated(Exception):
+class SimulationCall(Exception):
     """What the demo would do is not done here."""
 
 
@@ -86,13 +86,13 @@ def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opens_p
         return process([sys.executable, "-c", ""], **options)
 
     def simulated(*words):
-        raise Simulated
+        raise SimulationCall
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("CI", raising=False)
     monkeypatch.setattr("baqueano.cli.page.motion.subprocess.Popen", starts)
     monkeypatch.setattr("baqueano.study.demo.demo", simulated)
-    with pytest.raises(Simulated):
+    with pytest.raises(SimulationCall):
         command.main(list(words), standalone_mode=False)
     assert [call[2] for call in commands] == (["baqueano.web.lab.playback"] if opens_page else [])

@@ -7,7 +7,7 @@ import pytest
 from baqueano.runs import read_run
 from baqueano.worlds.faults.fault import faults_in
 from tests.web.chromium import CHROMIUM, Chromium
-from tests.web.scripted import Scripted
+from tests.web.scripted import ScriptedServer
 from tests.web.test_serve import port_of, program
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
@@ -102,7 +102,7 @@ def fault_and_replay(tab):
 
 
 def test_a_robot_has_no_such_tab(chromium):
-    with Scripted("live", world="real") as server:
+    with ScriptedServer("live", world="real") as server:
         tab = chromium.tab()
         tab.goto(f"{server.url}?lang=en")
         tab.wait(f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.record.length > 0", 30.0)

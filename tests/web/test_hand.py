@@ -4,7 +4,7 @@ import pytest
 
 from tests.web.chromium import CHROMIUM
 from tests.web.screens import PAGE, open_page, until
-from tests.web.scripted import Scripted
+from tests.web.scripted import ScriptedServer
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -95,7 +95,7 @@ def test_pause_go_on_mark_and_end(driver, live):
 
 
 def test_the_pace_is_a_slider_that_stands_where_the_drive_is(tab):
-    with Scripted("live") as live:
+    with ScriptedServer("live") as live:
         live.pace = 4.0  # as in the demo
         open_page(tab, live)
         pace = "document.querySelector('.pace').textContent"
@@ -164,7 +164,7 @@ def test_without_the_wheel_nothing_is_broken(tab, live):
 
 @pytest.mark.parametrize(("language", "words"), [("en", "open Wi-Fi"), ("es", "Wi-Fi abierta")])
 def test_a_shared_page_says_its_risk(tab, language, words):
-    with Scripted("live") as live:
+    with ScriptedServer("live") as live:
         live.shared = True
         open_page(tab, live, language)
         assert tab.js("document.getElementById('shared').checkVisibility()")

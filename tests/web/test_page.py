@@ -6,7 +6,7 @@ import pytest
 
 from tests.web.chromium import CHROMIUM
 from tests.web.screens import LIVE, PAGE, READY, open_page, until
-from tests.web.scripted import RADIUS, Scripted
+from tests.web.scripted import RADIUS, ScriptedServer
 
 FRAME_MS = 8.0
 
@@ -123,7 +123,7 @@ def test_a_mission_is_asked_for_by_its_name(tab, live):
 
 
 def test_a_real_vehicle_wants_a_hold(tab):
-    with Scripted("live", world="real") as live:
+    with ScriptedServer("live", world="real") as live:
         live.state, live.kind = "READY", ""
         open_page(tab, live)
         tab.press("l", "KeyL", "l")
@@ -196,7 +196,7 @@ def test_the_vehicle_stands_where_the_row_says(tab, replay):
 
 
 def test_a_ghost_is_paired_by_distance_or_by_time(tab):
-    with Scripted("replay", ghost=True) as server:
+    with ScriptedServer("replay", ghost=True) as server:
         open_page(tab, server)
         tab.wait(f"Boolean({PAGE}.ghost)")
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4")
@@ -206,7 +206,7 @@ def test_a_ghost_is_paired_by_distance_or_by_time(tab):
 
 def test_what_others_named_is_text(tab):
     hostile = "<img src=x onerror=alert(1)>"
-    with Scripted("live", name=hostile) as server:
+    with ScriptedServer("live", name=hostile) as server:
         open_page(tab, server)
         server.put({"is": "event", "t": 1.0, "severity": "warning", "text": hostile})
         tab.wait(f"document.getElementById('toast').textContent === {hostile!r}")

@@ -4,7 +4,7 @@ import pytest
 
 from tests.web.chromium import CHROMIUM
 from tests.web.screens import PAGE, open_page, until
-from tests.web.scripted import Scripted
+from tests.web.scripted import ScriptedServer
 
 TUNE = f"{PAGE}.screens.tune"
 
@@ -97,7 +97,7 @@ def test_a_block_shows_text_and_parameters_and_is_checked_and_swapped(tab, live)
 
 
 def test_a_ghost_is_paired_by_marks(tab):
-    with Scripted("replay", ghost=True) as server:
+    with ScriptedServer("replay", ghost=True) as server:
         open_page(tab, server)
         tab.wait(f"Boolean({PAGE}.ghost)")
         replay = f"{PAGE}.screens.replay"

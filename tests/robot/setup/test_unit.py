@@ -14,7 +14,7 @@ UNIT = Path(baqueano.robot.__file__).parent / "files/baqueano.service"
 EXPOSURE = 3.0  # of 10, by systemd-analyze
 
 
-class Repeated(dict):
+class MultiDict(dict):
     """Keys that come twice keep all their values."""
 
     def __setitem__(self, key, value):
@@ -26,7 +26,7 @@ class Repeated(dict):
 
 @pytest.fixture
 def service():
-    parser = configparser.RawConfigParser(dict_type=Repeated, strict=False, empty_lines_in_values=False)
+    parser = configparser.RawConfigParser(dict_type=MultiDict, strict=False, empty_lines_in_values=False)
     parser.optionxform = str
     parser.read_string(UNIT.read_text())
     return parser["Service"]

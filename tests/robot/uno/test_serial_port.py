@@ -71,7 +71,7 @@ def test_rt10_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
     _, path = ends
     port, done, port_open = SerialPort(path), threading.Event(), threading.Event()
 
-    class Asked:
+    class Link:
         def pump(self):
             with contextlib.suppress(OSError):
                 port.read()
@@ -79,7 +79,7 @@ def test_rt10_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
         def reopened(self):
             port_open.set()
 
-    listener = threading.Thread(target=listen, args=(port, Asked(), done))
+    listener = threading.Thread(target=listen, args=(port, Link(), done))
     listener.start()
     assert port_open.wait(5.0)
     port_open.clear()
