@@ -71,7 +71,7 @@ def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
         times.messages.append(guest.message_delays_ms(0.5))
         times.quiet.append(guest.stop())
         guest.begin()
-        with flooded(door, FLOODING):
+        with flood(door, FLOODING):
             times.messages_flooded.append(guest.message_delays_ms(0.5))
             times.flooded.append(guest.stop())
     return times
@@ -80,7 +80,7 @@ def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
 def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench | LeftOut]:
     times = in_turn(guest, door, rounds)
     times_ms, flooded_ms = [
-        [x for rows in rows for x in rows] for rows in (times.messages, times.messages_flooded)
+        [x for delays in rows for x in delays] for rows in (times.messages, times.messages_flooded)
     ]
     most, late = quantile(times.flooded, 0.95), quantile(times_ms, 0.95)
     first = f"{'with' if guest.first else 'without'} SCHED_FIFO, {share}"
@@ -117,7 +117,7 @@ def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tupl
     guest.begin()
     before = resident_mb(service)
     forget_most(service)
-    with flooded(door, MANY):
+    with flood(door, MANY):
         guest.message_delays_ms(seconds)
     guest.stop()
     return before, resident_mb(service, most=True) - before
@@ -249,7 +249,7 @@ def _connect_guest(look: selectors.BaseSelector, door: str, reads: bool) -> None
 
 
 @contextmanager
-def flooded(door: Path, number: int) -> Iterator[None]:
+def flood(door: Path, number: int) -> Iterator[None]:
     """Let so many guests flood a door, from a process of their own."""
     with _program("flooding", str(door), str(number)) as program:
         assert program.stdout is not None

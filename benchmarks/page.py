@@ -85,12 +85,12 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
             asking = asyncio.create_task(_ask_again(lines[0]))
             with_history.append(await asyncio.to_thread(guest.late_ms, seconds))
             asking.cancel()
-    without, loaded = (p99([x for times in several for x in times]) for several in (plain, with_history))
+    without, busy = (p99([x for times in several for x in times]) for several in (plain, with_history))
     later = median(p99(b) - p99(a) for a, b in zip(plain, with_history, strict=True))
     rows = (
         Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(
-            "with one who takes history", 1e-3 * loaded, loaded / max(without, 1e-9), missed=later > MOST_LATER_MS,
+            "with one who takes history", 1e-3 * busy, busy / max(without, 1e-9), missed=later > MOST_LATER_MS,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g})",
         ),
     )  # fmt: skip
@@ -111,10 +111,10 @@ async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: 
             stalled.append(await asyncio.to_thread(guest.late_ms, seconds))
             growth_mb.append(resident_mb(page) - before)
     later = median(p99(b) - p99(a) for a, b in zip(plain, stalled, strict=True))
-    without, loaded = (p99([x for times in several for x in times]) for several in (plain, stalled))
+    without, busy = (p99([x for times in several for x in times]) for several in (plain, stalled))
     rows = (
         Row("p99 without them", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
-        Row(f"with the {visitors} that are let in", 1e-3 * loaded, loaded / max(without, 1e-9),
+        Row(f"with the {visitors} that are let in", 1e-3 * busy, busy / max(without, 1e-9),
             missed=later > MOST_LATER_MS or max(growth_mb) > MOST_GROWN_MB,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g}); "
                  f"{max(growth_mb):+.1f} MB resident (at most {MOST_GROWN_MB:g})"),

@@ -29,8 +29,8 @@ def benches(smallest: bool) -> list[Bench]:
     file = load("case-study-1")
     rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
     low, high = rehearsal.space.low, rehearsal.space.high
-    fixed = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
-    tuning = by_baqueano(file, duration_s, fixed)
+    fixed_bounds = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
+    tuning = by_baqueano(file, duration_s, fixed_bounds)
     theta, m, I = peers.parameters()
     weights, limit, ticks = tuning.weights, file.command.limit, round(duration_s * file.rate_hz)
 
@@ -44,7 +44,7 @@ def benches(smallest: bool) -> list[Bench]:
     evolved = evolution(rehearsal, bounds, EVOLVED * len(tuning.history) if not smallest else 100)
     ours_s, one_s = interleaved(
         [
-            Case(NAMED, lambda: by_baqueano(file, duration_s, fixed), 1 if smallest else ROUNDS),
+            Case(NAMED, lambda: by_baqueano(file, duration_s, fixed_bounds), 1 if smallest else ROUNDS),
             Case("NumPy loop", lambda: numpy_cost(start), 1),
         ]
     )

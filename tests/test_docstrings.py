@@ -130,14 +130,14 @@ def in_a_class(cls: type, doc: NumpyDocString) -> list[str]:
 
 def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
     """Return what is amiss with the entries of these parameters: absent, without type, shape or unit."""
-    documented = {
+    entries_documented = {
         name.strip(): entry
         for entry in [*doc["Parameters"], *doc["Attributes"], *doc["Other Parameters"]]
         for name in entry.name.split(",")
     }
     lacks = []
     for name, annotation in expected:
-        entry = documented.get(name)
+        entry = entries_documented.get(name)
         if entry is None:
             lacks.append(f"the parameter {name}")
             continue

@@ -46,7 +46,7 @@ def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
     return records, events, outcome
 
 
-def replayed(records):
+def replay_of(records):
     ticks = [r.tick for r in records]
     t_ns = np.array([t.t_ns for t in ticks])
     imu = [(t.t_ns, t.sensors.imu.z) for t in ticks if t.sensors.imu.has]
@@ -87,7 +87,7 @@ def test_the_command_of_one_tick_is_in_force_in_the_next():
 def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
     blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
     records, _, _ = drive(blocks, duration_s=0.5 if backend == "numpy" else 4.0)
-    world, replayed_records = replayed(records), []
+    world, replayed_records = replay_of(records), []
     loop.run(blocks, world, world.times, replayed_records.append)
     assert len(replayed_records) == len(records)
     assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
@@ -95,7 +95,7 @@ def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
 
 def test_replay_does_not_depend_on_how_the_ticks_were_bundled():
     records, _, _ = drive(duration_s=1.0)
-    world, replayed_records = replayed(records), []
+    world, replayed_records = replay_of(records), []
     loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], replayed_records.append)
     assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
@@ -242,7 +242,7 @@ class BrokenBlock:
 def test_rt3_every_room_is_guarded(room):
     records, events, outcome = drive(BLOCKS._replace(**{room: BrokenBlock()}), duration_s=3.0)
     assert outcome.stopped.code == StopReason.BLOCK_RAISED
-    assert outcome.stopped.figures["block"].startswith(f"{room} Broken (")
+    assert outcome.stopped.figures["block"].startswith(f"{room} BrokenBlock (")
     assert outcome.stopped.figures["error"] == "RuntimeError: out of ideas"
     assert len(events) == 1
     assert len(records) == 101
@@ -283,7 +283,7 @@ def test_ctrl_c_in_the_middle_of_a_block_is_not_a_fault_of_the_block():
 def test_two_blocks_that_fail_one_after_the_other_are_survived():
     failing = BLOCKS._replace(controller=BrokenBlock(), estimator=BrokenBlock())
     records, _, outcome = drive(failing, duration_s=3.0)
-    assert outcome.stopped.figures["block"].startswith("estimator Broken")
+    assert outcome.stopped.figures["block"].startswith("estimator BrokenBlock")
     assert len(records) == 101
 
 

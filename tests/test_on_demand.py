@@ -44,9 +44,9 @@ def test_a_name_on_demand_is_that_of_its_module(path):
     package = package_of(path)
     modules = read_by_a_type_checker(path)
     assert modules
-    for name, (module, exported) in modules.items():
+    for name, (module, member) in modules.items():
         room = import_module(f"baqueano.{name}") if module == "baqueano" else None
-        assert getattr(package, name) is (room or getattr(import_module(module), exported))
+        assert getattr(package, name) is (room or getattr(import_module(module), member))
     assert all(hasattr(package, name) for name in package.__all__)
 
 

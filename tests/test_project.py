@@ -15,10 +15,10 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 @pytest.mark.parametrize("name", ["small", "car", EXAMPLES / "servo_axis.toml", EXAMPLES / "omni_robot.toml"])
 def test_a_simulated_vehicle_differs_in_all_that_a_fit_finds_and_in_nothing_that_is_known(name):
     guess = load(name, allow_blocks=True)
-    unknown = others_than(guess)
+    unknown_paths = others_than(guess)
     count = 0
     for path, p in all_parameters(guess.vehicle, "model"):
-        x, y = (np.atleast_1d(np.asarray(file.value(path), dtype=float)) for file in (guess, unknown))
+        x, y = (np.atleast_1d(np.asarray(file.value(path), dtype=float)) for file in (guess, unknown_paths))
         if p.role in ("fitted", "gain", "term"):
             assert np.all((x != y) == (x != 0.0)), path
             assert np.all(np.abs(np.log(y[x != 0.0] / x[x != 0.0])) < 0.6), path

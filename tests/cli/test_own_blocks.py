@@ -112,10 +112,10 @@ def test_gains_that_stand_in_the_code_of_a_controller_are_found_and_written(proj
     assert end.code in (0, 1), end.err
     (row,) = end.reply["rows"]
     assert row["name"] == "k"
-    updated = load(own_file)
-    assert updated.controller().k == pytest.approx(row["value"]) != 0.5
-    assert updated.provenance["controller.k"].run == "tune, perfect pose"
-    assert updated.value("controller.k") == pytest.approx(row["value"])
+    updated_file = load(own_file)
+    assert updated_file.controller().k == pytest.approx(row["value"]) != 0.5
+    assert updated_file.provenance["controller.k"].run == "tune, perfect pose"
+    assert updated_file.value("controller.k") == pytest.approx(row["value"])
 
 
 def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tmp_path):

@@ -116,11 +116,11 @@ def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
 def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "ekf", "--json")
     assert end.code == 0, end.err
-    replayed = end.reply["rows"][1]
-    assert replayed["run"].startswith("0003-replay")
+    replay_row = end.reply["rows"][1]
+    assert replay_row["run"].startswith("0003-replay")
     first = project("replay", "1", "--estimator", "ekf", "--json").reply["rows"][1]
-    assert replayed["speed_error_m_s"] < first["speed_error_m_s"]
-    replayed_run = read_run(tmp_path / "runs" / f"{replayed['run']}.mcap")
+    assert replay_row["speed_error_m_s"] < first["speed_error_m_s"]
+    replayed_run = read_run(tmp_path / "runs" / f"{replay_row['run']}.mcap")
     assert replayed_run.metadata["smoothed"] == "Rauch-Tung-Striebel"
     assert len(replayed_run.estimate.t_ns) == len(replayed_run.t_ns)
 

@@ -130,11 +130,11 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
 
 
 def test_a_replay_is_judged_by_its_estimate_and_not_by_what_the_vehicle_did():
-    drive, replayed = (
+    drive, replayed_run = (
         run_with("drive", across=0.05),
         run_with("replay", across=0.05, metadata={"kind": "replay"}),
     )
-    text = compare([drive, replayed]).table()
+    text = compare([drive, replayed_run]).table()
     assert "across" not in text.partition("drive: ")[0]
     assert "at a limit" not in text
     assert "position (ATE)" in text

@@ -58,7 +58,7 @@ def filtered(rng, few):
 
 def sentences(count, seed, few=False):
     """Share of wrong verdicts, and of those that speak where 100 independent samples are."""
-    rng, wrong, decided = np.random.default_rng(seed), [], []
+    rng, wrong, decisions = np.random.default_rng(seed), [], []
     right = {
         "too sure": lambda k: k > 1.0,
         "too cautious": lambda k: k < 1.0,
@@ -69,8 +69,8 @@ def sentences(count, seed, few=False):
         for w in errors:
             word = consistency.band(w).verdict
             wrong.append(not right.get(word, lambda k: True)(kappa))
-            decided += [word != "cannot tell"] if samples >= 100 else []
-    return float(np.mean(wrong)), float(np.mean(decided))
+            decisions += [word != "cannot tell"] if samples >= 100 else []
+    return float(np.mean(wrong)), float(np.mean(decisions))
 
 
 def test_the_verdict_is_seldom_wrong_and_speaks_where_it_can():

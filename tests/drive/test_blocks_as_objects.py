@@ -106,8 +106,8 @@ def test_each_verb_takes_them():
     assert lesson.metadata["controller"] == "Push(gain=4.0)"
     run = drive_with(guide=Ahead, estimator="dead_reckoning", controller=Push)
     assert np.array_equal(run.reference.eta[0], ROUTE.eta[-1])
-    replayed = replay(run, estimator="dead_reckoning", controller=Push())
-    assert np.array_equal(replayed.requested, run.requested)
+    replayed_run = replay(run, estimator="dead_reckoning", controller=Push())
+    assert np.array_equal(replayed_run.requested, run.requested)
     assert np.array_equal(replay(run, guide=Ahead, controller=Push).reference.eta[0], ROUTE.eta[-1])
 
 

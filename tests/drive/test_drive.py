@@ -98,11 +98,11 @@ def test_teaching_with_a_list_of_commands():
 
 
 def test_teaching_by_hand_until_the_hand_lets_go():
-    pressed = iter([np.array([0.5, 0.0, 0.0])] * 150)
+    hand_commands = iter([np.array([0.5, 0.0, 0.0])] * 150)
 
     def hand():
         try:
-            return next(pressed)
+            return next(hand_commands)
         except StopIteration:
             raise KeyboardInterrupt from None
 
@@ -169,12 +169,12 @@ def test_es12_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path)
         run = teach(FILE, ROUTE, **options).run
     else:
         run = experiment(FILE, np.random.default_rng(0).uniform(-1, 1, (150, 3)) * LIMIT, **options)
-    replayed = replay(read_run(path), FILE)
+    replayed_run = replay(read_run(path), FILE)
     for name in ("estimate", "reference", "truth"):
-        assert same_log(getattr(replayed, name), getattr(run, name))
-    assert np.array_equal(replayed.requested, run.requested, equal_nan=True)
-    assert np.array_equal(replayed.sent, run.sent, equal_nan=True)
-    assert np.array_equal(replayed.applied, run.applied)
+        assert same_log(getattr(replayed_run, name), getattr(run, name))
+    assert np.array_equal(replayed_run.requested, run.requested, equal_nan=True)
+    assert np.array_equal(replayed_run.sent, run.sent, equal_nan=True)
+    assert np.array_equal(replayed_run.applied, run.applied)
 
 
 def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
@@ -192,10 +192,10 @@ def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
 def test_replay_through_other_blocks_keeps_what_the_motors_got():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     lazy = Blocks(FILE.estimator(), Repeat.along(ROUTE), Pd(alpha=0.1, beta=0.1), FILE.supervisor())
-    replayed = replay(run, FILE, lazy)
-    assert np.array_equal(replayed.applied, run.applied)
-    assert same_log(replayed.estimate, run.estimate)
-    assert not np.array_equal(replayed.requested, run.requested)
+    replayed_run = replay(run, FILE, lazy)
+    assert np.array_equal(replayed_run.applied, run.applied)
+    assert same_log(replayed_run.estimate, run.estimate)
+    assert not np.array_equal(replayed_run.requested, run.requested)
 
 
 def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_bit_for_bit():
@@ -228,14 +228,14 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
         **vars(FILE)
         | {"sensors": sensors, "estimator": lambda kind=None: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
     )
-    replayed = replay(run, with_mark)
-    first = replayed.events[0].diagnostic
+    replayed_run = replay(run, with_mark)
+    first = replayed_run.events[0].diagnostic
     assert (first.code, first.figures) == ("replay.without-sensor", {"sensor": "mark"})
-    assert len(replayed.sensors["mark"].t_ns) == 0
-    assert stop_of(replayed) is None
-    np.testing.assert_allclose(replayed.estimate.eta, run.estimate.eta, atol=1e-9)
-    np.testing.assert_allclose(replayed.estimate.cov, run.estimate.cov, atol=1e-9)
-    assert np.isnan(replayed.estimate.innovation[:, 3]).all()
+    assert len(replayed_run.sensors["mark"].t_ns) == 0
+    assert stop_of(replayed_run) is None
+    np.testing.assert_allclose(replayed_run.estimate.eta, run.estimate.eta, atol=1e-9)
+    np.testing.assert_allclose(replayed_run.estimate.cov, run.estimate.cov, atol=1e-9)
+    assert np.isnan(replayed_run.estimate.innovation[:, 3]).all()
 
 
 def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):

@@ -84,8 +84,8 @@ def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
 
 def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(small, monkeypatch):
     monkeypatch.setattr(first_drive_pulses, "STEP", 0.4)
-    stuck = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
-    first = first_drive(small, truth=stuck, seed=2)
+    stuck_vehicle = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
+    first = first_drive(small, truth=stuck_vehicle, seed=2)
     assert len(first.still) == 4
     assert first.still[0].figures["command"] == "the left wheel forward"
     assert first.moved == 0

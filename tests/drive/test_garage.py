@@ -23,10 +23,10 @@ def test_a_circle_is_taught_and_repeated_and_replayed(name, radius_m, speed_m_s)
     assert (
         np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
     )  # it went round, as well as gains that nobody tuned can
-    replayed = replay(run, file)
-    assert np.array_equal(replayed.estimate.eta, run.estimate.eta)
-    assert np.array_equal(replayed.estimate.cov, run.estimate.cov)
-    assert np.array_equal(replayed.requested, run.requested)
+    replayed_run = replay(run, file)
+    assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
+    assert np.array_equal(replayed_run.estimate.cov, run.estimate.cov)
+    assert np.array_equal(replayed_run.requested, run.requested)
 
 
 WRONG = {

@@ -68,8 +68,8 @@ def test_a_yaw_gain_more_than_three_times_too_small_in_the_file_is_stood(tau_s, 
     s = 1j * np.logspace(-2, 4, 60000)
     loop = np.exp(-s * late_s) / (tau_s * s + 1.0) / s * (gains.psi + gains.integral / s + gains.rate * s)
     phase = np.unwrap(np.angle(loop))
-    crossed = np.flatnonzero((phase[:-1] + np.pi) * (phase[1:] + np.pi) < 0.0)
-    margins = 1.0 / np.abs(loop[crossed])
+    crossings = np.flatnonzero((phase[:-1] + np.pi) * (phase[1:] + np.pi) < 0.0)
+    margins = 1.0 / np.abs(loop[crossings])
     assert margins.min() > 3.3, "a larger gain; all of T taken as a pure delay"
     assert np.all(margins > 1.0), "no smaller one makes it unstable"
 
@@ -170,9 +170,9 @@ def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():
     run = straight(file, body(file), 1.0, 0.5, True).run
     assert np.any(run.requested[:, 2] != 0.0)
     np.testing.assert_array_equal(run.applied[1:], run.sent[:-1])
-    replayed = replay(run, file)
-    assert np.array_equal(replayed.requested, run.requested)
-    assert np.array_equal(replayed.estimate.eta, run.estimate.eta)
+    replayed_run = replay(run, file)
+    assert np.array_equal(replayed_run.requested, run.requested)
+    assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
 
 
 def test_a_turn_that_is_asked_is_the_hands_alone_at_once():

@@ -120,5 +120,5 @@ def test_the_run_holds_how_often_each_number_was_refused(small):
         (f"imu[{k}]", 101) for k in range(3)
     ]
     uncounted = blocks_of(run, small)._replace(estimator=small.estimator("dead_reckoning"))
-    replayed = replay(run, small, uncounted)
-    assert refusals_of(replayed.events) == ()
+    replayed_run = replay(run, small, uncounted)
+    assert refusals_of(replayed_run.events) == ()

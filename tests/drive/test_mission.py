@@ -24,9 +24,9 @@ class Slow:
 
 def send(mission, tmp_path):
     """What arrives on the other side: the mission and its vehicle file."""
-    received = Mission.of_json(mission.json())
+    mission_received = Mission.of_json(mission.json())
     tmp_path.mkdir(exist_ok=True)
-    return received, unpacked(received, tmp_path)
+    return mission_received, unpacked(mission_received, tmp_path)
 
 
 def test_an_experiment_sent_as_text_is_the_same_experiment(tmp_path):
@@ -55,8 +55,8 @@ def test_blocks_of_the_user_travel_with_it_and_do_not_need_their_old_place(tmp_p
         vehicle_file.load("small"),
     )
     (tmp_path / "slow.py").unlink()
-    received, file_received = send(mission, tmp_path / "robot")
-    run = perform(received, file_received, backend="numpy")
+    mission_received, file_received = send(mission, tmp_path / "robot")
+    run = perform(mission_received, file_received, backend="numpy")
     assert np.all(run.requested[:, 0] == 0.5)
 
 

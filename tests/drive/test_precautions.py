@@ -167,13 +167,13 @@ def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
 
 
 def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
-    stuck, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
+    at_wall, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
     for t_s in np.arange(0.0, 8.0, 0.1):
-        stuck.look(record(t_s, velocity=(0.2, 0.0, 0.0)))
+        at_wall.look(record(t_s, velocity=(0.2, 0.0, 0.0)))
         waits.look(record(t_s, velocity=(0.02, 0.0, 0.0)))
         goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), velocity=(9.0, 0.0, 0.0)))
-    assert stuck.why(4_900_000_000) is None
-    assert stuck.why(5_100_000_000).code == StopReason.STUCK
+    assert at_wall.why(4_900_000_000) is None
+    assert at_wall.why(5_100_000_000).code == StopReason.STUCK
     assert waits.why(7_950_000_000) is None
     assert goes.why(7_950_000_000) is None
 
@@ -201,9 +201,9 @@ def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():
 def test_a_mission_carries_its_precautions_and_where_the_vehicle_stands():
     care = Precautions(room=PlainRoom((1.0, 2.0), (0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
     mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
-    received = Mission.of_json(mission.json())
-    assert received.start == (0.0, 0.2, 0.5)
-    assert Precautions.of_json(received.precautions) == Precautions.of_json(mission.precautions)
+    mission_received = Mission.of_json(mission.json())
+    assert mission_received.start == (0.0, 0.2, 0.5)
+    assert Precautions.of_json(mission_received.precautions) == Precautions.of_json(mission.precautions)
     assert "precautions" not in Mission("repeat", route=LAP).json()  # as robots of before read it
 
 

@@ -13,7 +13,7 @@ import pytest
 from baqueano.door import VERSION
 from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
-from benchmarks.door import FLOODING, MOST_STOP_MS, flooded
+from benchmarks.door import FLOODING, MOST_STOP_MS, flood
 from benchmarks.processes import before_others
 from tests.emulated.onboard import running
 from tests.emulated.test_processes import PATIENCE_S, ready, until
@@ -58,7 +58,7 @@ def test_rt15_a_stop_under_the_flood_of_five_turns_the_motors_off_within_50_ms(f
         for _ in range(ROUNDS):
             with moving(service) as remote:
                 quiet.append(off_ms(remote, service.live))
-            with moving(service) as remote, flooded(service.door, FLOODING):
+            with moving(service) as remote, flood(service.door, FLOODING):
                 assert service.live.moving()
                 loud.append(off_ms(remote, service.live))
     print(f"motors off after {median(quiet):.0f} ms, {median(loud):.0f} ms flooded (at most {max(loud):.0f})")

@@ -67,10 +67,10 @@ def test_r16_a_command_with_another_nonce_does_not_feed_the_dead_man(uno):
 
 def test_r17_fw5_a_repeated_command_is_ignored_and_does_not_feed_the_dead_man(uno):
     uno.hold(300, 300, 0.1)
-    repeated = uno.seq
+    old_seq = uno.seq
     last = uno.t_s
     while uno.t_s < last + 0.32:
-        uno.drive(300, 300, seq=repeated)
+        uno.drive(300, 300, seq=old_seq)
         uno.run(0.01)
     assert not uno.moving
     assert uno.info().old_sequence >= 30

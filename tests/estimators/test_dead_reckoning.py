@@ -182,12 +182,14 @@ def test_what_a_late_reading_shows_was_missing_for_its_age(late):
     nu, eta = drive_truth(n, 4.0)
     fine = np.interp(np.arange(n * 10) * 1e-3, np.arange(n + 1) * DT, nu[:, 2])
     if "delay_s" in late:
-        delayed = np.concatenate([np.zeros(30), fine[:-30]])
+        delayed_signal = np.concatenate([np.zeros(30), fine[:-30]])
     else:
-        delayed, tau_s = np.zeros_like(fine), 0.5 / (np.pi * 5.0)
+        delayed_signal, tau_s = np.zeros_like(fine), 0.5 / (np.pi * 5.0)
         for k in range(1, len(fine)):
-            delayed[k] = fine[k] + (delayed[k - 1] - fine[k]) * np.exp(-1e-3 / tau_s)
-    z = np.column_stack([np.zeros((n, 2)), 1.03 * np.append(delayed[10::10], delayed[-1]) + 0.02])
+            delayed_signal[k] = fine[k] + (delayed_signal[k - 1] - fine[k]) * np.exp(-1e-3 / tau_s)
+    z = np.column_stack(
+        [np.zeros((n, 2)), 1.03 * np.append(delayed_signal[10::10], delayed_signal[-1]) + 0.02]
+    )
     _, estimates = kernel_of(reckon).run(ticks_of(reckon, {"imu": z, "odometer": 1.02 * nu[1:, :1]}))
     assert np.max(np.abs(wrap(estimates.eta[:, 2] - eta[1:, 2]))) < 3e-3
     assert np.max(np.hypot(*(estimates.eta[:, :2] - eta[1:, :2]).T)) < 3e-3

@@ -83,8 +83,8 @@ def test_the_gate_is_the_chi_square_quantile_of_four_sigma():
 def test_es11_a_tick_that_is_repeated_or_late_changes_nothing():
     belief, _ = after(ekf(), GOOD)
     for t in (GOOD[-1], GOOD[2]):
-        repeated, estimate = ekf().step(belief, t)
-        assert same(repeated[:4], belief[:4])
+        same_belief, estimate = ekf().step(belief, t)
+        assert same(same_belief[:4], belief[:4])
         assert estimate.t_ns == t.t_ns
 
 

@@ -124,8 +124,8 @@ class Without:
 
 @pytest.mark.parametrize("guide", [Plain(), SlottedGuide(), Repeat.along(LINE), SinuousCircle()])
 def test_a_guide_of_any_class_is_given_its_laps_and_stays_as_it_is(guide):
-    repeated = with_laps(guide, 3)
-    assert (type(repeated), repeated.laps, guide.laps) == (type(guide), 3, 1)
+    guide_of_laps = with_laps(guide, 3)
+    assert (type(guide_of_laps), guide_of_laps.laps, guide.laps) == (type(guide), 3, 1)
     assert with_laps(guide, 1) is guide
 
 

@@ -62,10 +62,10 @@ def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, 
 
 
 def test_a_run_of_a_few_seconds_tells_nothing_of_the_noise(fit):
-    accepted = measure_noise(*fit, held_out=[drive_fit(6.0, 3)]).accepted
-    assert accepted is not None
-    assert accepted.message.code == "noise.too-short"
-    assert not accepted.disagrees
+    accepted_noise = measure_noise(*fit, held_out=[drive_fit(6.0, 3)]).accepted
+    assert accepted_noise is not None
+    assert accepted_noise.message.code == "noise.too-short"
+    assert not accepted_noise.disagrees
 
 
 def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(fit, monkeypatch):

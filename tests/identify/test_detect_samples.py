@@ -52,8 +52,8 @@ def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
 @pytest.mark.parametrize("every", [2, 5, 8])
 def test_of_held_samples_the_new_ones_are_kept(every):
     z = motion()
-    repeated = z[np.arange(len(z)) // every * every]
-    after, findings = check_samples("imu", IMU, channel(repeated))
+    repeated_z = z[np.arange(len(z)) // every * every]
+    after, findings = check_samples("imu", IMU, channel(repeated_z))
     new = np.isfinite(after.z).all(axis=1)
     assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), every))
     assert "data.repeats" in codes(findings)
@@ -125,8 +125,8 @@ def test_a_channel_without_life_is_left_out_and_doubted():
 
 def test_the_noise_is_reported_from_the_values_that_changed():
     z = motion()[:, 0]
-    repeated = np.repeat(z, 4)
-    assert grain(repeated).sigma == pytest.approx(0.1, rel=0.05)
+    repeated_z = np.repeat(z, 4)
+    assert grain(repeated_z).sigma == pytest.approx(0.1, rel=0.05)
     assert grain(np.zeros(100)).sigma == 0.0
 
 
@@ -141,8 +141,8 @@ def test_encoders_that_measure_the_time_of_a_step_are_neither_held_nor_stuck(per
     after, findings = check_samples("odometer", Odometer(noise_std=0.01), channel(z[:, None]))
     assert np.isfinite(after.z).all()
     assert findings == []
-    repeated = z + rng.normal(0.0, 0.01, len(z))
+    noisy_z = z + rng.normal(0.0, 0.01, len(z))
     _, findings = check_samples(
-        "odometer", Odometer(noise_std=0.01), channel(repeated[np.arange(len(z)) // 2 * 2, None])
+        "odometer", Odometer(noise_std=0.01), channel(noisy_z[np.arange(len(z)) // 2 * 2, None])
     )
     assert "data.repeats" in codes(findings)

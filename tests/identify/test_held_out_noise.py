@@ -50,8 +50,8 @@ def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(truth_fit
     from baqueano.drive import replay
 
     fit, noise, unseen_run = truth_fit
-    replayed = replay(unseen_run, noise.updated(fit.vehicle_file))
-    nis_of_replay = compare(replayed, names=["x"]).rows()[0]["nis"]
+    replayed_run = replay(unseen_run, noise.updated(fit.vehicle_file))
+    nis_of_replay = compare(replayed_run, names=["x"]).rows()[0]["nis"]
     judged_noise = compare_noise(fit, {"truth": noise}, unseen_run).tried[0]
     assert judged_noise.nis == pytest.approx(nis_of_replay, rel=0.02)
     assert judged_noise.low < 1.0 + 0.1

@@ -72,11 +72,9 @@ def test_slopes_without_the_start_of_their_piece_have_the_information_without_st
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
         A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)
         start = index >= layout.starts
-        projected = slopes_without_start(d, w, start)
-        np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, projected, d[..., start]), 0.0, atol=1e-12)
-        without_start[np.ix_(index[~start], index[~start])] += np.einsum(
-            "tm,tmp,tmq->pq", w, projected, projected
-        )
+        slopes = slopes_without_start(d, w, start)
+        np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, slopes, d[..., start]), 0.0, atol=1e-12)
+        without_start[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, slopes, slopes)
     np.testing.assert_allclose(without_start, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 

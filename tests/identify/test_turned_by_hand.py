@@ -105,8 +105,8 @@ def test_a_run_that_only_rests_says_what_to_do(small):
 def test_a_silence_and_the_end_of_the_range_are_refused(small):
     run = by_hand_log()
     t_ns, _, z = run.sensors["imu"]
-    received = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
-    silent = Channel(t_ns[received], t_ns[received], z[received])
+    has = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
+    silent = Channel(t_ns[has], t_ns[has], z[has])
     with pytest.raises(UsageError, check=of_code("turns.silent")):
         by_hand(replace(run, sensors={"imu": silent}), small)
     z = z.copy()

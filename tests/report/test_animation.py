@@ -94,9 +94,9 @@ def test_intervals_of_a_fit_narrow_beside_it(run):
 def test_a_run_of_which_nobody_knows_the_way_is_refused(run):
     from dataclasses import replace
 
-    with pytest.raises(AnswerNo) as refused:
+    with pytest.raises(AnswerNo) as error_info:
         scene(replace(run, estimate=None, truth=None))
-    assert refused.value.diagnostic.code == "report.nothing-moves"
+    assert error_info.value.diagnostic.code == "report.nothing-moves"
     with pytest.raises(UsageError) as caught:
         picture_file("a.gif")
     assert caught.value.diagnostic.code == "report.animation-ending"

@@ -14,7 +14,7 @@ BOARD_H = (ROOT / "firmware/uno/board.h").read_text(encoding="utf-8")
 BOARD_C = (ROOT / "firmware/uno/board.c").read_text(encoding="utf-8")
 
 
-def loaded():
+def load_wiring():
     """docs/wiring.py, which is in no package."""
     sys.path.insert(0, str(ROOT / "docs"))
     try:
@@ -23,7 +23,7 @@ def loaded():
         sys.path.pop(0)
 
 
-WIRING = loaded()
+WIRING = load_wiring()
 EITHER = pytest.mark.parametrize("bridge", WIRING.BRIDGES, ids=lambda bridge: bridge.title)
 MACROS = {"pwm": "PWM", "direction 1": "INPUT1", "direction 2": "INPUT2", "standby": "STANDBY", "lamp": "LAMP",
           "mark": "MARK"}  # fmt: skip

@@ -66,5 +66,5 @@ DRAWN = {
 def test_drawn_and_edited_routes_have_no_gaps(name):
     route = DRAWN[name]
     part = cut(route, 0.1, 0.9)
-    for edited in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
-        assert codes(edited) == []
+    for edited_route in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
+        assert codes(edited_route) == []

@@ -102,9 +102,9 @@ def test_plain_repeats_are_left_out_and_reported_but_different_ones_are_refused(
     lab.refused(r"at line 10 with other values. .*repeats = \"first\" or repeats = \"last\"")
     imu_by_choice = {}
     for which in ("first", "last"):
-        repeated = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
-        repeated.board = lab.board
-        imu_by_choice[which] = repeated.run().run.sensors["imu"].z[7, 0]
+        repeated_lab = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
+        repeated_lab.board = lab.board
+        imu_by_choice[which] = repeated_lab.run().run.sensors["imu"].z[7, 0]
     assert imu_by_choice["last"] - imu_by_choice["first"] == pytest.approx(1.0)
 
 

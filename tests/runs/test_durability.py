@@ -120,9 +120,9 @@ def test_lg4_a_flipped_bit_never_gives_a_silently_wrong_run(chunked_files, tmp_p
     for trial in range(700):
         at, bit = pick.randrange(len(data)), 1 << pick.randrange(8)
         end = len(data) if trial % 2 else pick.randrange(at + 1, len(data) + 1)  # half of them cut as well
-        flipped = bytearray(data[:end])
-        flipped[at] ^= bit
-        path.write_bytes(flipped)
+        flipped_data = bytearray(data[:end])
+        flipped_data[at] ^= bit
+        path.write_bytes(flipped_data)
         try:
             run = read_run(path)
         except FileError:

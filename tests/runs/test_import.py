@@ -90,10 +90,12 @@ def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):
     assert set(imported_run.truth.t_ns) <= set(measured.t_ns)
     assert set(imported_run.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
     lab.edit('sample = "hold"', 'sample = "linear"')
-    drawn = lab.run().run
-    true = np.interp(drawn.truth.t_ns, 1e9 + 1e9 * (lab.recording()[1]["t"] + 0.002), lab.recording()[1]["x"])
-    assert drawn.truth.eta[:, 0] == pytest.approx(true, abs=0.02)
-    assert np.abs(drawn.truth.eta[:, 2]).max() <= np.pi
+    slow_run = lab.run().run
+    true = np.interp(
+        slow_run.truth.t_ns, 1e9 + 1e9 * (lab.recording()[1]["t"] + 0.002), lab.recording()[1]["x"]
+    )
+    assert slow_run.truth.eta[:, 0] == pytest.approx(true, abs=0.02)
+    assert np.abs(slow_run.truth.eta[:, 2]).max() <= np.pi
 
 
 def test_a_rate_is_taken_from_an_angle_across_the_turn(lab):

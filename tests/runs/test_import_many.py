@@ -239,9 +239,9 @@ def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
     assert list(speeds(imports)) == ["log-1", "log-2"]
     with refused("import.parts-differ", FileError, found="[files.log] 2, [files.odo] 3"):
         import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1, 1], restart=False)})
-    mixed = desk.map(SPLIT, *TWO, ('split = "trial"\n[ticks]', "split_gap_s = 5.0\n[ticks]"))
-    named = import_runs(mixed, {"log": desk.file("log.csv", [3, 4], restart=False), "odo": log})
-    assert list(speeds(named)) == ["log-003", "log-004"]
+    desk_map = desk.map(SPLIT, *TWO, ('split = "trial"\n[ticks]', "split_gap_s = 5.0\n[ticks]"))
+    runs_by_name = import_runs(desk_map, {"log": desk.file("log.csv", [3, 4], restart=False), "odo": log})
+    assert list(speeds(runs_by_name)) == ["log-003", "log-004"]
 
 
 def test_the_file_of_the_ticks_is_the_one_to_split(desk):

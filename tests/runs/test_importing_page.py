@@ -87,8 +87,8 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(folder, capsys):
     assert "held out" in printed.out + printed.err
     for line in of_page("sh", 2).splitlines():
         run_line(line)
-    replayed, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
-    errors = [comparison.ate_m for comparison in compare([replayed, reckoned]).runs]
+    replayed_run, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
+    errors = [comparison.ate_m for comparison in compare([replayed_run, reckoned]).runs]
     assert errors[0] < 0.03
     assert errors[0] < errors[1]
     assert Path("replayed.html").is_file()

@@ -128,11 +128,11 @@ def test_an_estimate_without_innovation_is_decoded_too(run, tmp_path):
 def test_every_definition_holds_all_it_needs():
     for name, text in SCHEMAS.items():
         parts = text.split("=" * 80)
-        defined = {part.splitlines()[1].removeprefix("MSG: ") for part in parts[1:]}
+        definitions = {part.splitlines()[1].removeprefix("MSG: ") for part in parts[1:]}
         names_used = {
             line.split()[0]
             for part in parts
             for line in part.splitlines()
             if "/" in line.split("#")[0][:40] and "MSG:" not in line
         }
-        assert names_used <= defined, name
+        assert names_used <= definitions, name

@@ -76,7 +76,7 @@ def test_rounding_adds_a_twelfth_of_a_step_squared():
     """Sheppard: with noise of a step the error of rounding is even in ± step/2; the mean square of 4000
     errors is within 3.89 √(1/180/N) of step²/12."""
     fine = record(Imu(gyro_noise_std=0.01), seed=4)[:, 2]
-    rounded = record(Imu(gyro_noise_std=0.01, gyro_step=0.01), seed=4)[:, 2]
-    error = (rounded - fine) / 0.01
+    rounded_rate = record(Imu(gyro_noise_std=0.01, gyro_step=0.01), seed=4)[:, 2]
+    error = (rounded_rate - fine) / 0.01
     assert np.max(np.abs(error)) <= 0.5 + 1e-9
     assert abs(np.mean(error**2) - 1.0 / 12.0) < NORMAL_1E_4 * np.sqrt(1.0 / 180.0 / N)

@@ -95,12 +95,12 @@ def test_readings_of_the_sound_run_are_taken_out_where_they_are_of_the_damaged_o
     file, run = case_study
     rng = np.random.default_rng(0)
     damaged_run = not_numbers(run, file, rng)
-    restored, lost_share = undamaged(run, damaged_run, file)
-    np.testing.assert_array_equal(restored.sensors["imu"].z, damaged_run.sensors["imu"].z)
+    restored_run, lost_share = undamaged(run, damaged_run, file)
+    np.testing.assert_array_equal(restored_run.sensors["imu"].z, damaged_run.sensors["imu"].z)
     assert lost_share == np.mean(np.isnan(damaged_run.sensors["imu"].z))
     late = repeated_time(run, file, rng)
-    restored, lost_share = undamaged(run, late, file)
-    lost_rows = np.isnan(restored.sensors["imu"].z).all(axis=1)
+    restored_run, lost_share = undamaged(run, late, file)
+    lost_rows = np.isnan(restored_run.sensors["imu"].z).all(axis=1)
     assert 0.02 < lost_share == lost_rows.mean() < 0.25
     repeats = np.flatnonzero(np.diff(late.sensors["imu"].t_ns) == 0) + 1
     assert np.all(lost_rows[repeats])

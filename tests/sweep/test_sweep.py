@@ -142,8 +142,8 @@ def test_recorded_runs_are_replayed_through_estimators_alone(small):
     assert [row["estimator"] for row in result.rows()] == ["augmented_ekf", "dead_reckoning"]
     assert all(np.isnan(row["across_rms_m"]) and row["ate_m"] > 0.0 for row in result.rows())
     assert result.cells()[1]["ate_m_ratio"] == 1.0
-    replayed = bq.compare(bq.replay(run)).rows()[0]
-    assert result.rows()[0]["rpe_m"] == pytest.approx(replayed["rpe_m"], rel=1e-12)
+    replay_row = bq.compare(bq.replay(run)).rows()[0]
+    assert result.rows()[0]["rpe_m"] == pytest.approx(replay_row["rpe_m"], rel=1e-12)
     with refused("sweep.of-runs", UsageError, what="controllers"):
         one_process(run, controllers="lqr")
 

@@ -29,23 +29,23 @@ def is_leaf(term) -> bool:
     return term.op in LEAVES
 
 
-def check(statements, defined: set, roots=()) -> set:
+def check(statements, known_symbols: set, roots=()) -> set:
     """Every argument is there when it is read, and no term is computed twice. Returns what is known then."""
-    defined = set(defined)
+    known_symbols = set(known_symbols)
     for s in statements:
         if isinstance(s, EmittedBranch):
-            assert is_leaf(s.condition) or s.condition in defined
+            assert is_leaf(s.condition) or s.condition in known_symbols
             for arm, body in ((1, s.then), (2, s.otherwise)):
-                inside = check(body, defined)
+                inside = check(body, known_symbols)
                 assert all(is_leaf(c.args[arm]) or c.args[arm] in inside for c in s.choices)
-            assert not defined.intersection(s.choices)
-            defined.update(s.choices)
+            assert not known_symbols.intersection(s.choices)
+            known_symbols.update(s.choices)
         else:
-            assert s not in defined
-            assert all(is_leaf(a) or a in defined for a in s.args)
-            defined.add(s)
-    assert all(is_leaf(root) or root in defined for root in roots)
-    return defined
+            assert s not in known_symbols
+            assert all(is_leaf(a) or a in known_symbols for a in s.args)
+            known_symbols.add(s)
+    assert all(is_leaf(root) or root in known_symbols for root in roots)
+    return known_symbols
 
 
 def branches(statements) -> list[EmittedBranch]:
@@ -104,16 +104,16 @@ def test_a_value_of_two_sources_and_three_users_is_a_row_of_its_own():
 def test_work_of_one_arm_is_done_in_that_arm_alone():
     t = Text()
     product = t.make("mul", t.x, t.y)
-    updated = t.long(product)
+    next_count = t.long(product)
     outputs = [
-        t.make("where", t.flag, t.make("add", updated, k), t.make("sub", product, k)) for k in (1.0, 2.0)
+        t.make("where", t.flag, t.make("add", next_count, k), t.make("sub", product, k)) for k in (1.0, 2.0)
     ]
     statements = schedule(outputs, is_leaf)
     check(statements, set(), outputs)
     (branch,) = branches(statements)
     assert branch.condition is t.flag
     assert set(branch.choices) == set(outputs)
-    assert any(s is updated for s in branch.then)
+    assert any(s is next_count for s in branch.then)
     assert any(s is product for s in statements)
 
 

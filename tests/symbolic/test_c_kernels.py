@@ -54,8 +54,8 @@ def off_the_kinks(case, expected):
     """Where other last digits change nothing: on a kink, back ends may take either side."""
     draw, steady = np.random.default_rng(0), [np.ones(reference.shape, bool) for reference in expected]
     for _ in range(8):
-        rounded = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
-        for k, values in enumerate(rounded):
+        rounded_values = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
+        for k, values in enumerate(rounded_values):
             steady[k] &= np.abs(values - expected[k]) < 1e-6
     return steady
 

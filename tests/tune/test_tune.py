@@ -133,9 +133,9 @@ def test_a_file_without_gains_gets_them(small):
 
 def test_the_file_takes_the_gains_with_where_they_come_from(tuning, tmp_path):
     path = tuning.save(tmp_path / "mine.toml")
-    updated = load(path)
-    assert updated.controller().beta == pytest.approx(tuning.values["beta"])
-    assert updated.provenance["controller.beta"].run == "tune, perfect pose"
+    updated_file = load(path)
+    assert updated_file.controller().beta == pytest.approx(tuning.values["beta"])
+    assert updated_file.provenance["controller.beta"].run == "tune, perfect pose"
     assert "# the scale;" in path.read_text(encoding="utf-8")
 
 

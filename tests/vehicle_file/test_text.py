@@ -132,8 +132,8 @@ def test_a_dump_reads_back_the_same():
         "text": 'quotes " and \\ and ñ',
         "odd": {"a key": [[1.0], [2.0, 3.0]], "n": float("nan")},
     }
-    reread = tables(dump(data), "y")
-    assert json.dumps(reread, sort_keys=True) == json.dumps(data, sort_keys=True)
+    data_again = tables(dump(data), "y")
+    assert json.dumps(data_again, sort_keys=True) == json.dumps(data, sort_keys=True)
 
 
 def test_fi2_typing_errors_are_found_and_the_right_key_is_named():

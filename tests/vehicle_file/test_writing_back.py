@@ -133,11 +133,11 @@ def test_the_covariance_of_the_last_fit_survives_the_file():
         np.max(np.abs(changed_file.parameter_cov.cov - cov) / np.sqrt(np.outer(np.diag(cov), np.diag(cov))))
         < 1e-7
     )
-    refitted = changed_file.with_values(
+    refitted_file = changed_file.with_values(
         {}, parameter_cov=ParameterCov(names[:1], cov[:1, :1], "runs/0002.mcap")
     )
-    assert refitted.parameter_cov.cov.shape == (1, 1)
-    assert refitted.text.count("[parameter_cov]") == 1
+    assert refitted_file.parameter_cov.cov.shape == (1, 1)
+    assert refitted_file.text.count("[parameter_cov]") == 1
 
 
 def test_the_difference_of_two_files_is_the_history_of_wear():
@@ -209,10 +209,10 @@ def test_a_vehicle_of_the_garage_is_not_overwritten():
 
 def test_a_file_that_somebody_else_changed_is_not_overwritten(tmp_path):
     path = load("small").save(tmp_path / "my.toml")
-    edited = load(path).with_values({"model.mass_kg": 0.7})
+    edited_file = load(path).with_values({"model.mass_kg": 0.7})
     path.write_text(path.read_text(encoding="utf-8") + "# from the editor\n", encoding="utf-8")
     with refused("vehicle.changed-since", FileError):
-        edited.save()
+        edited_file.save()
     assert "# from the editor" in path.read_text(encoding="utf-8")
 
 

@@ -22,10 +22,10 @@ def walked(tab, screen: str) -> dict[str, list[str]]:
     tab.js("globalThis.seen = { reached: new Set(), unseen: [] }; document.activeElement.blur()")
     for _ in range(tab.js(f"{WANTED}.length") + 4):
         tab.press("Tab", "Tab")
-    unreached = (
+    unreached_nodes = (
         f"{WANTED}.filter((node) => !seen.reached.has(node)).map((node) => node.outerHTML.slice(0, 120))"
     )
-    return {"not reached": tab.js(unreached), "no focus seen": tab.js("seen.unseen")}
+    return {"not reached": tab.js(unreached_nodes), "no focus seen": tab.js("seen.unseen")}
 
 
 def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:

@@ -108,9 +108,9 @@ def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
             async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:
                 for k in range(VEHICLES):
                     driving.create_task(drives(k))
-            crossed = [word for k, (_, link, _) in enumerate(pages) for word in link.requests("hand")
+            crossed_words = [word for k, (_, link, _) in enumerate(pages) for word in link.requests("hand")
                        if word["u"] != [k / 100.0]]  # fmt: skip
-            assert crossed == []
+            assert crossed_words == []
             await drivers[0].say("mission", kind="drive", robot=robots[1])
             assert (await drivers[0].next("no", where=lambda word: word["to"] == "mission"))[
                 "code"

@@ -110,9 +110,9 @@ def test_a_shaken_run_holds_its_faults_and_is_made_again_bit_for_bit(tmp_path):
     faults_of_run = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
     assert sorted(faults_of_run, key=str) == sorted(map(Fault.of_words, ALL), key=str)
     second = repeat(FILE, circle(0.3, 0.2), shake=faults_of_run, seed=4, duration_s=3.0)
-    for series, repeated in ((run.truth.eta, second.truth.eta), (run.estimate.eta, second.estimate.eta),
+    for series, repeated_series in ((run.truth.eta, second.truth.eta), (run.estimate.eta, second.estimate.eta),
                        (run.applied, second.applied), (run.sensors["imu"].z, second.sensors["imu"].z)):  # fmt: skip
-        np.testing.assert_array_equal(series, repeated)
+        np.testing.assert_array_equal(series, repeated_series)
 
 
 def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():

@@ -99,13 +99,13 @@ def test_no_frame_with_up_to_three_bits_changed_is_believed():
     """The polynomial has Hamming distance 4 at these lengths; the length of a COBS run is no part of that."""
     chance = random.Random(3)
     clean = encode(STATE, 9)
-    accepted = 0
+    accepted_count = 0
     for _ in range(20_000):
         wire = bytearray(clean)
         for place in chance.sample(range(8, 8 * (len(wire) - 1)), chance.randint(1, 3)):
             wire[place // 8] ^= 1 << place % 8
-        accepted += sum(got.frame != STATE for got in Decoder().feed(bytes(wire)))
-    assert accepted == 0
+        accepted_count += sum(got.frame != STATE for got in Decoder().feed(bytes(wire)))
+    assert accepted_count == 0
 
 
 def test_a_whole_frame_of_an_unknown_kind_or_length_is_counted_and_ignored():

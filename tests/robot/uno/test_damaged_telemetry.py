@@ -55,7 +55,7 @@ def drawn_frames(whole, rng):
     return whole[rng.integers(len(whole), size=EACH)]
 
 
-def flipped(frames, rng, most):
+def flip_bits(frames, rng, most):
     """1 to `most` bits, no two the same."""
     spare = 8 * (frames.shape[1] - 2) - most
     places = 8 + np.sort(rng.integers(spare + 1, size=(EACH, most)), axis=1) + np.arange(most)
@@ -111,8 +111,8 @@ def joined_frames(frames, next_frames, rng):
 
 
 DAMAGE = {  # name: (what it does, whether a CRC of 16 bits sees all of it)
-    "3 bits": (lambda whole, rng: flipped(drawn_frames(whole, rng), rng, 3), True),
-    "8 bits": (lambda whole, rng: flipped(drawn_frames(whole, rng), rng, 8), False),
+    "3 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 3), True),
+    "8 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 8), False),
     "a burst of 16": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 16), True),
     "a burst of 40": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 40), False),
     "other bytes": (lambda whole, rng: replaced(drawn_frames(whole, rng), rng), False),
@@ -138,7 +138,7 @@ def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(fram
             uno.receive()
         wrong[name] = len(set(uno._decoder.accepted_frames) - set(frames_sent))
         uno._decoder.accepted_frames.clear()
-    assert all(wrong[name] == 0 for name, (_, accepted) in DAMAGE.items() if accepted), wrong
+    assert all(wrong[name] == 0 for name, (_, is_accepted) in DAMAGE.items() if is_accepted), wrong
     assert sum(wrong.values()) <= len(DAMAGE) * EACH / 65_536, wrong  # measured: 6 of 15
     line.say(info())
     line.say(state(10))
