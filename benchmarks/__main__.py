@@ -23,20 +23,20 @@ def main() -> int:
         action="store_true",
         help="sizes that show in seconds that they run; no target is judged",
     )
-    asked = parser.parse_args()
-    wrong = [name for name in asked.names if name not in BENCHES]
+    args = parser.parse_args()
+    wrong = [name for name in args.names if name not in BENCHES]
     if wrong:
         parser.error(f"no bench {wrong[0]!r}: expected one of {', '.join(BENCHES)}")
-    rows, met = [], True
-    for name in asked.names or BENCHES:
-        for bench in importlib.import_module(f"benchmarks.{name}").benches(asked.smallest):
+    rows, all_met = [], True
+    for name in args.names or BENCHES:
+        for bench in importlib.import_module(f"benchmarks.{name}").benches(args.smallest):
             rows += bench.as_rows()
-            met = met and bench.met
-            print(bench.table() + "\n", file=sys.stderr if asked.json else sys.stdout, flush=True)
-    verdict = "NOT JUDGED" if asked.smallest else "MET" if met else "MISSED"
-    if asked.json:
+            all_met = all_met and bench.met
+            print(bench.table() + "\n", file=sys.stderr if args.json else sys.stdout, flush=True)
+    verdict = "NOT JUDGED" if args.smallest else "MET" if all_met else "MISSED"
+    if args.json:
         print(json.dumps({"rows": rows, "verdict": verdict}))
-    elif asked.smallest:
+    elif args.smallest:
         print("At their smallest sizes benchmarks show that they run; no target is judged.")
     return int(verdict == "MISSED")
 

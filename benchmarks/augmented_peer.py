@@ -22,7 +22,7 @@ def nu_dot(nu, u, np=np):
     return (np.array([PUSH * u[0], 0.0, TWIST * u[2]]) - DRAG * nu) / MASS + turning
 
 
-def moved(x, u, keep, np=np):
+def next_state(x, u, keep, np=np):
     """g (13,); `keep` (2,) is what a disturbance keeps in a tick."""
 
     def rate(pose, nu):
@@ -43,7 +43,7 @@ def moved(x, u, keep, np=np):
     return np.concatenate([pose, ahead, keep * d, x[8:]])
 
 
-def shown(x, u, np=np):
+def imu_readings(x, u, np=np):
     """h (3,)."""
     nu = x[3:6]
     rate = nu_dot(nu, u, np)
@@ -56,17 +56,17 @@ class Filterpy:
     def __init__(self, keep, P0, R, Q) -> None:
         from filterpy.kalman import ExtendedKalmanFilter
 
-        class Moved(ExtendedKalmanFilter):
+        class AugmentedEkf(ExtendedKalmanFilter):
             def predict_x(self, u=0):
-                self.x = moved(self.x, u, keep)
+                self.x = next_state(self.x, u, keep)
 
-        self.ekf, self.keep = Moved(dim_x=13, dim_z=3), keep
+        self.ekf, self.keep = AugmentedEkf(dim_x=13, dim_z=3), keep
         self.ekf.x, self.ekf.P, self.ekf.Q, self.ekf.R = np.zeros(13), P0.copy(), R, Q  # it swaps the letters
 
     def step(self, u, z):
         """The state after a tick (13,)."""
         self.predicted(u)
-        self.ekf.update(z, self._of_readings, lambda x: shown(x, u))
+        self.ekf.update(z, self._of_readings, lambda x: imu_readings(x, u))
         return self.ekf.x
 
     def predicted(self, u):
@@ -76,14 +76,14 @@ class Filterpy:
         return self.ekf
 
     def _of_motion(self, x, u):
-        F, one, at, slope, total = np.eye(13), np.eye(6), x[:6], np.eye(6), np.zeros((6, 6))
+        F, identity, at, slope, total = np.eye(13), np.eye(6), x[:6], np.eye(6), np.zeros((6, 6))
         for weight, ahead in ((1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)):
             slope = self._rate(at) @ slope
             total += weight * slope
             c, s = np.cos(at[2]), np.sin(at[2])
             way = np.array([c * at[3] - s * at[4], s * at[3] + c * at[4], at[5]])
             at = x[:6] + ahead * DT * np.concatenate([way, nu_dot(at[3:], u)])
-            slope = one + ahead * DT * slope
+            slope = identity + ahead * DT * slope
         F[:6, :6] += DT / 6.0 * total
         F[3, 6] = F[5, 7] = DT
         F[6, 6], F[7, 7] = self.keep
@@ -123,8 +123,8 @@ def dynamax(u, z, keep, P0, R, Q) -> Any:
     first = Filterpy(keep, P0, R, Q).predicted(u[0])  # it begins with a measurement
     params = ParamsNLGSSM(
         initial_mean=jnp.asarray(first.x), initial_covariance=jnp.asarray(first.P), dynamics_covariance=jnp.asarray(R),
-        dynamics_function=lambda x, u: moved(x, u, jnp.asarray(keep), jnp),
-        emission_function=lambda x, u: shown(x, u, jnp), emission_covariance=jnp.asarray(Q),
+        dynamics_function=lambda x, u: next_state(x, u, jnp.asarray(keep), jnp),
+        emission_function=lambda x, u: imu_readings(x, u, jnp), emission_covariance=jnp.asarray(Q),
     )  # fmt: skip
     u, z = jnp.asarray(u), jnp.asarray(z)
     run = jax.jit(lambda: extended_kalman_filter(params, z, inputs=u).filtered_means)

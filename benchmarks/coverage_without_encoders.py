@@ -75,7 +75,7 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
     for u in us:
         u[: round(REST_S * rate_hz)] = 0.0
     out = []
-    for (run, file), q, rng in zip(_driven(cars, files, us, seeds), cars, draws, strict=True):
+    for (run, file), q, rng in zip(_drive_cars(cars, files, us, seeds), cars, draws, strict=True):
         imu, truth = run.sensors["imu"], run.truth
         assert truth is not None
         if case == "± scales":
@@ -94,17 +94,17 @@ def of_robots(seeds: range, duration_s: float) -> list[Made]:
         rng = np.random.default_rng([seed, 51])
         columns = [steps(rng, -limit, limit, 1.0, file.rate_hz, duration_s) for limit in file.command.limit]
         us.append(as_sent(np.stack(columns, axis=1)))
-    pairs = zip(_driven(robots, files, us, seeds), robots, strict=True)
+    pairs = zip(_drive_cars(robots, files, us, seeds), robots, strict=True)
     return [(run, file, robot_values(q)) for (run, file), q in pairs]
 
 
-def _driven(
+def _drive_cars(
     vehicles: list[Any], files: list[Any], us: list[np.ndarray], seeds: range
 ) -> list[tuple[Run, Any]]:
     group, t_ns = vehicles[0].joined(vehicles[1:]), times(len(us[0]), files[0].rate_hz)
-    shown = driven(group, np.stack(us, axis=1), seeds, t_ns)
+    motion = driven(group, np.stack(us, axis=1), seeds, t_ns)
     return [
-        (recorded(shown, k, u, file, f"seed {seed}", seed), file)
+        (recorded(motion, k, u, file, f"seed {seed}", seed), file)
         for k, (u, file, seed) in enumerate(zip(us, files, seeds, strict=True))
     ]
 
@@ -121,35 +121,37 @@ def fitted(case: str, run: Run, file: Any) -> Any:
 def covered(case: str, seeds: range, duration_s: float) -> str:
     """One row of the table."""
     errors, sds, truths = [], [], []
-    made = of_robots(seeds, duration_s) if "robot" in case else of_cars(case, seeds, duration_s)
-    for run, file, true in made:
+    runs_of_case = of_robots(seeds, duration_s) if "robot" in case else of_cars(case, seeds, duration_s)
+    for run, file, true in runs_of_case:
         fit = fitted(case, run, file)
         truth = np.array([float(true[name][0]) if name in true else np.nan for name in fit.names])
         inside = np.isfinite(fit.sd) & (fit.bound == 0) & np.isfinite(truth)
         errors.append(np.where(inside, fit.estimate - truth, np.nan))
         sds.append(np.where(inside, fit.sd, np.nan))
         truths.append(truth)
-    seen = np.isfinite(errors).sum(axis=0) > 1
-    e, sd, truth = (np.array(x)[:, seen] for x in (errors, sds, truths))
+    finite = np.isfinite(errors).sum(axis=0) > 1
+    e, sd, truth = (np.array(x)[:, finite] for x in (errors, sds, truths))
     holds = float(np.nanmean(np.where(np.isnan(e), np.nan, np.abs(e) <= 1.96 * sd)))
     z = np.sqrt(np.nanmean((e / sd) ** 2, axis=0))
-    drawn = np.nanmax(np.abs(np.nanmean(e, axis=0)) / np.nanstd(e, axis=0))
-    known = np.all(truth != 0.0, axis=0)
-    part = np.median(np.nanmedian(sd[:, known] / np.abs(truth[:, known]), axis=0))
-    figures = f"{np.median(z):8.2f} {z.max():8.2f} {drawn:8.2f} {part:8.2%}"
+    bias_ratio = np.nanmax(np.abs(np.nanmean(e, axis=0)) / np.nanstd(e, axis=0))
+    nonzero = np.all(truth != 0.0, axis=0)
+    part = np.median(np.nanmedian(sd[:, nonzero] / np.abs(truth[:, nonzero]), axis=0))
+    figures = f"{np.median(z):8.2f} {z.max():8.2f} {bias_ratio:8.2f} {part:8.2%}"
     return f"{case:20} {holds:8.1%} {figures} {np.isfinite(e).sum():6d}"
 
 
 def main() -> None:
     """Prints the table."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("--seeds", type=int, default=10)
-    asked.add_argument("--first", type=int, default=0)
-    asked.add_argument("--case", choices=CASES)
-    asked.add_argument(
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--case", choices=CASES)
+    parser.add_argument(
         "--smallest", action="store_true", help="two short drives of a few cases: that it runs"
     )
-    options = asked.parse_args()
+    options = parser.parse_args()
     count, duration_s = (2, SMALLEST_S) if options.smallest else (options.seeds, SECONDS)
     cases = CASES[::4] if options.smallest else CASES
     heads = ("holds", "error/sd", "largest", "drawn", "sd")

@@ -54,28 +54,28 @@ def disturbances(seed, ticks, rate_hz):
     return out
 
 
-def beside(loops, robots, seeds, seconds):
+def errors_beside(loops, robots, seeds, seconds):
     """The distance beside the path of each robot, rms [m]."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     t_ns, guide = times(int(seconds * rate_hz), rate_hz), Repeat.along(ROUTE)
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
-    states, u, now = [one.start(ROUTE.eta[0]) for one in loops], np.zeros((n, 3)), guide.init()
+    states, u, now = [loop.start(ROUTE.eta[0]) for loop in loops], np.zeros((n, 3)), guide.init()
     off = np.stack([disturbances(seed, len(t_ns), rate_hz) for seed in seeds])
-    true, asked = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
+    true, requested = np.zeros((len(t_ns), n, 2)), np.zeros((len(t_ns), 2))
     at_rest = Estimate(0, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
     for k, t in enumerate(t_ns):
         duty = u @ SIDES.T * (1.0 + off[:, k])
         world.go(np.column_stack([duty.mean(1), np.zeros(n), 0.5 * (duty[:, 1] - duty[:, 0])]), 1.0 / rate_hz)
         truth = world.truth
         now, reference = guide.step(now, at_rest._replace(t_ns=int(t)))
-        for i, one in enumerate(loops):
-            known = np.concatenate([truth.eta[i], truth.nu[i]])
-            states[i], (u[i], _) = one.step(
-                states[i], Tick(int(t), u[i].copy(), one.slots(Slot(1.0, known))), reference
+        for i, loop in enumerate(loops):
+            state = np.concatenate([truth.eta[i], truth.nu[i]])
+            states[i], (u[i], _) = loop.step(
+                states[i], Tick(int(t), u[i].copy(), loop.slots(Slot(1.0, state))), reference
             )
-        true[k], asked[k] = truth.eta[:, :2], reference.eta[:2]
+        true[k], requested[k] = truth.eta[:, :2], reference.eta[:2]
     late = t_ns >= int(min(FROM_S, 0.5 * seconds) * 1e9)
-    return np.array([rms(cross_track(t_ns[late], true[late, i], t_ns, asked)) for i in range(n)])
+    return np.array([rms(cross_track(t_ns[late], true[late, i], t_ns, requested)) for i in range(n)])
 
 
 def main():
@@ -83,29 +83,29 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--controller", default="pd_feedforward")
     parser.add_argument("--smallest", action="store_true")
-    asked = parser.parse_args()
-    seeds = [FIRST] if asked.smallest else list(range(FIRST, FIRST + ROBOTS))
-    seconds, extra = (1.0, EXTRA_S[:2]) if asked.smallest else (LASTS_S, EXTRA_S)
+    args = parser.parse_args()
+    seeds = [FIRST] if args.smallest else list(range(FIRST, FIRST + ROBOTS))
+    seconds, extra = (1.0, EXTRA_S[:2]) if args.smallest else (LASTS_S, EXTRA_S)
     each = [draw_robots(1, seed) for seed in seeds]
-    gains = {"alpha": 4.0, "beta": 1.0, "gamma": 0.1} if asked.controller == "pd" else {}
+    gains = {"alpha": 4.0, "beta": 1.0, "gamma": 0.1} if args.controller == "pd" else {}
     files = [
-        model_of(one, seed).with_values(
-            {"controller.kind": asked.controller}
+        model_of(robot, seed).with_values(
+            {"controller.kind": args.controller}
             | {f"controller.{name}": value for name, value in gains.items()}
         )
-        for one, seed in zip(each, seeds, strict=True)
+        for robot, seed in zip(each, seeds, strict=True)
     ]
     loops, robots = [Loop(file, True, "auto") for file in files], together(each)
     own = float(np.median(robots.delay_s))
     print(
-        f"{asked.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst"
+        f"{args.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst"
     )
-    found = []
+    rows = []
     for late in extra:
-        found.append(beside(loops, robots.changed(delay_s=robots.delay_s + late), seeds, seconds))
-        middle, worst = 1e3 * np.median(found[-1]), 1e3 * np.max(found[-1])
+        rows.append(errors_beside(loops, robots.changed(delay_s=robots.delay_s + late), seeds, seconds))
+        middle, worst = 1e3 * np.median(rows[-1]), 1e3 * np.max(rows[-1])
         print(f"  {1e3 * (own + late):6.0f} {middle:8.2f} {worst:8.2f}", flush=True)
-    medians = np.array([np.median(d) for d in found])
+    medians = np.array([np.median(d) for d in rows])
     twice = np.flatnonzero(medians >= 2.0 * medians[0])
     if len(twice):
         k = int(twice[0])

@@ -37,13 +37,13 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
     """The delays of a stop and of a message, quiet and flooded, and the memory of guests."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the door", "it is a socket of Unix")]
-    with before_others() as share, served(2 if smallest else RUNS) as (service, guest, door):
-        found = _stops(guest, door, 1 if smallest else 20, share)
-        return [*found, _memory(service, guest, door, 0.5 if smallest else 10.0)]
+    with before_others() as share, serve_vehicle(2 if smallest else RUNS) as (service, guest, door):
+        stops = _stops(guest, door, 1 if smallest else 20, share)
+        return [*stops, _memory(service, guest, door, 0.5 if smallest else 10.0)]
 
 
 @contextmanager
-def served(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
+def serve_vehicle(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
     """The process of a service with so many runs, somebody at its door, and the door."""
     with ExitStack() as open_things:
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
@@ -59,8 +59,8 @@ class Times(NamedTuple):
 
     quiet: list[float]
     flooded: list[float]
-    told: list[list[float]]
-    told_flooded: list[list[float]]
+    messages: list[list[float]]
+    messages_flooded: list[list[float]]
 
 
 def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
@@ -68,19 +68,21 @@ def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
     times = Times([], [], [], [])
     for _ in range(rounds):
         guest.begin()
-        times.told.append(guest.told_ms(0.5))
+        times.messages.append(guest.message_delays_ms(0.5))
         times.quiet.append(guest.stop())
         guest.begin()
-        with flooded(door, FLOODING):
-            times.told_flooded.append(guest.told_ms(0.5))
+        with flood(door, FLOODING):
+            times.messages_flooded.append(guest.message_delays_ms(0.5))
             times.flooded.append(guest.stop())
     return times
 
 
 def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench | LeftOut]:
     times = in_turn(guest, door, rounds)
-    told, besides = [[x for one in rows for x in one] for rows in (times.told, times.told_flooded)]
-    most, late = quantile(times.flooded, 0.95), quantile(told, 0.95)
+    times_ms, flooded_ms = [
+        [x for delays in rows for x in delays] for rows in (times.messages, times.messages_flooded)
+    ]
+    most, late = quantile(times.flooded, 0.95), quantile(times_ms, 0.95)
     first = f"{'with' if guest.first else 'without'} SCHED_FIFO, {share}"
     stops = (
         Row("nobody else is there", 1e-3 * median(times.quiet), 1.0,
@@ -92,21 +94,21 @@ def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench 
         ),
     )  # fmt: skip
     tellings = (
-        Row("nobody else is there", 1e-3 * median(told), 1.0, missed=late > MOST_TOLD_MS,
-            note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(told)}"),
-        Row(f"{FLOODING} guests flood", 1e-3 * median(besides), median(besides) / median(told),
-            note=f"p95 {quantile(besides, 0.95):.2f} ms of {len(besides)}"),
+        Row("nobody else is there", 1e-3 * median(times_ms), 1.0, missed=late > MOST_TOLD_MS,
+            note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(times_ms)}"),
+        Row(f"{FLOODING} guests flood", 1e-3 * median(flooded_ms), median(flooded_ms) / median(times_ms),
+            note=f"p95 {quantile(flooded_ms, 0.95):.2f} ms of {len(flooded_ms)}"),
     )  # fmt: skip
     names = "from a STOP to the zero command", "from the loop's word to who listens"
     return [Bench(name, rows) for name, rows in zip(names, (stops, tellings), strict=True)]
 
 
 def _memory(service: int, guest: "Teacher", door: Path, seconds: float) -> Bench:
-    before, grown = grown_mb(service, guest, door, seconds)
-    note = f"{grown:+.1f} MB to {before:.0f} MB (at most {MOST_MB:g})"
+    before, growth_mb = grown_mb(service, guest, door, seconds)
+    note = f"{growth_mb:+.1f} MB to {before:.0f} MB (at most {MOST_MB:g})"
     return Bench(
         f"memory of the service while {MANY} guests ask for `runs`, half of whom read nothing",
-        (Row(f"{seconds:g} s of it", seconds, 1.0, missed=grown > MOST_MB, note=note),),
+        (Row(f"{seconds:g} s of it", seconds, 1.0, missed=growth_mb > MOST_MB, note=note),),
     )
 
 
@@ -115,8 +117,8 @@ def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tupl
     guest.begin()
     before = resident_mb(service)
     forget_most(service)
-    with flooded(door, MANY):
-        guest.told_ms(seconds)
+    with flood(door, MANY):
+        guest.message_delays_ms(seconds)
     guest.stop()
     return before, resident_mb(service, most=True) - before
 
@@ -154,15 +156,15 @@ class Teacher:
         self._say(do="mission", door=VERSION, mission=self._mission, attended=False)
         self._hear("tick")
 
-    def told_ms(self, seconds: float) -> list[float]:
+    def message_delays_ms(self, seconds: float) -> list[float]:
         """Return how late each word of the loop came in the next seconds."""
-        begun_ns, found = time.monotonic_ns(), []
+        begun_ns, times_ms = time.monotonic_ns(), []
         while time.monotonic_ns() < begun_ns + 1e9 * seconds:
             word = self._hear("tick")
             self.first = word["first"]
             if word["t_ns"] > begun_ns:  # those of before have waited here
-                found.append(1e-6 * (time.monotonic_ns() - word["t_ns"]))
-        return found
+                times_ms.append(1e-6 * (time.monotonic_ns() - word["t_ns"]))
+        return times_ms
 
     def stop(self) -> float:
         """Return the time from a STOP to the first command that is zero [ms]."""
@@ -201,7 +203,7 @@ def serve(folder: str) -> None:
     claimed()
     first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0
 
-    def stamped(self: Any, command: Any) -> None:
+    def write_with_stamp(self: Any, command: Any) -> None:
         nonlocal moves, ticks
         write(self, command)
         zero, ticks = not np.any(command.u), ticks + 1
@@ -211,7 +213,7 @@ def serve(folder: str) -> None:
             )
         moves = not zero
 
-    ShakenWorld.write = stamped
+    ShakenWorld.write = write_with_stamp
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     service.run()
     door.close()
@@ -221,7 +223,7 @@ def flooding(door: str, number: str) -> None:
     """Say `runs` without end; of more than FLOODING guests every second one reads nothing."""
     words, look = b'{"do": "runs"}\n' * 1000, selectors.DefaultSelector()
     for k in range(int(number)):
-        _come(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
+        _connect_guest(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
     print("they are here", flush=True)
     while True:
         for key, events in look.select():
@@ -236,10 +238,10 @@ def flooding(door: str, number: str) -> None:
             except OSError:  # it read nothing, and was let go
                 look.unregister(line)
                 line.close()  # pyright: ignore[reportAttributeAccessIssue]
-                _come(look, door, reads)
+                _connect_guest(look, door, reads)
 
 
-def _come(look: selectors.BaseSelector, door: str, reads: bool) -> None:
+def _connect_guest(look: selectors.BaseSelector, door: str, reads: bool) -> None:
     line = socket.socket(socket.AF_UNIX)
     line.connect(door)
     line.setblocking(False)
@@ -247,7 +249,7 @@ def _come(look: selectors.BaseSelector, door: str, reads: bool) -> None:
 
 
 @contextmanager
-def flooded(door: Path, number: int) -> Iterator[None]:
+def flood(door: Path, number: int) -> Iterator[None]:
     """Let so many guests flood a door, from a process of their own."""
     with _program("flooding", str(door), str(number)) as program:
         assert program.stdout is not None
@@ -256,9 +258,9 @@ def flooded(door: Path, number: int) -> Iterator[None]:
 
 
 @contextmanager
-def _child(what: str, folder: Path) -> Iterator[tuple[int, Path]]:
+def _child(role: str, folder: Path) -> Iterator[tuple[int, Path]]:
     door, end = folder / "door", time.monotonic() + STARTS_S
-    with _program(what, str(folder)) as program:
+    with _program(role, str(folder)) as program:
         while not door.exists():
             assert program.poll() is None, "the service did not start"
             assert time.monotonic() < end, "the service did not start"
@@ -267,8 +269,8 @@ def _child(what: str, folder: Path) -> Iterator[tuple[int, Path]]:
 
 
 @contextmanager
-def _program(what: str, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
-    code = f"import sys; from benchmarks.door import {what}; {what}(*sys.argv[1:])"
+def _program(role: str, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
+    code = f"import sys; from benchmarks.door import {role}; {role}(*sys.argv[1:])"
     with subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE) as program:
         try:
             yield program

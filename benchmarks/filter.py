@@ -26,19 +26,19 @@ def benches(smallest: bool) -> list[Bench]:
     ticks = Tick(
         10_000_000 * np.arange(1, n + 1), u, sensor_slots(("imu",))(Slot(np.ones(n), z, np.zeros(n)))
     )
-    one = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(1.0, np.zeros(3))))
+    tick = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(1.0, np.zeros(3))))
     filters = {mode: Ekf(vehicle, sensors, R, mode=mode) for mode in ("paper", "default")}
-    kernels = {mode: _kernel(ekf, one) for mode, ekf in filters.items()}
+    kernels = {mode: _kernel(ekf, tick) for mode, ekf in filters.items()}
     P0 = np.diag(filters["paper"].initial_std[3:] ** 2)
 
-    def theirs():
+    def by_filterpy():
         return peers.filtered(u, z, theta, m, I, sensors.imu.cov, R, P0)
 
-    np.testing.assert_allclose(kernels["paper"].run(ticks)[1][1], theirs()[:, :3], atol=1e-8)
+    np.testing.assert_allclose(kernels["paper"].run(ticks)[1][1], by_filterpy()[:, :3], atol=1e-8)
     cases = [
         Case("scan, paper mode, pose and its covariance too", lambda: kernels["paper"].run(ticks)),
         Case("scan, default mode", lambda: kernels["default"].run(ticks)),
-        Case("filterpy, 6 states", theirs, 1 if smallest else 3),
+        Case("filterpy, 6 states", by_filterpy, 1 if smallest else 3),
     ]
     title = f"EKF over {duration_s:g} s at 100 Hz"
     return [measured(title, cases, {"filterpy, 6 states": 200.0})]

@@ -49,7 +49,7 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
     """The whole fit, from the run to the estimates and their errors."""
     from scipy.optimize import least_squares
 
-    run, u = _recorded(duration_s, 3)
+    run, u = _record_run(duration_s, 3)
     z = run.sensors["imu"].z
     truth, m, I = peers.parameters()
     first = 0.5 * truth
@@ -64,46 +64,48 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
 
     np.testing.assert_allclose(compiled(first), loop(first), atol=1e-6)
     began = time.perf_counter()
-    theirs = least_squares(
+    reference = least_squares(
         compiled if extrapolated else loop, first, loss="huber", f_scale=1.345, x_scale="jac"
     )
     took = time.perf_counter() - began
-    calls = theirs.nfev + 15 * theirs.njev
+    calls = reference.nfev + 15 * reference.njev
     theirs_s = calls * timed(lambda: loop(first)) if extrapolated else took
-    found = _fitted(run)
-    cost = [float(np.sum(_huber(compiled(theta)))) for theta in (found.estimate, theirs.x)]
+    fit = _fitted(run)
+    cost = [float(np.sum(_huber(compiled(theta)))) for theta in (fit.estimate, reference.x)]
     if cost[0] > cost[1] * (1.0 + 1e-6):
         raise AssertionError(f"identify ends at {cost[0]:.9g}, SciPy at {cost[1]:.9g}")
-    mine, named = "identify()", "SciPy least_squares, Huber, NumPy loop"
-    how = (
+    own_name, scipy_name = "identify()", "SciPy least_squares, Huber, NumPy loop"
+    reference_text = (
         f"{calls} simulations, {'extrapolated from one' if extrapolated else 'one round'}; cost {cost[1]:.6g}"
     )
-    notes = {named: how, mine: f"cost {cost[0]:.6g}, {found.evaluations} evaluations"}
-    cases = [Case(mine, lambda: _fitted(run, True)), Case("without doubts", lambda: _fitted(run))]
+    notes = {scipy_name: reference_text, own_name: f"cost {cost[0]:.6g}, {fit.evaluations} evaluations"}
+    cases = [Case(own_name, lambda: _fitted(run, True)), Case("without doubts", lambda: _fitted(run))]
     if find_spec("jax") is not None:
-        _, in_jax = _in_jax(u, z, found.estimate, found.sd)
+        _, in_jax = _in_jax(u, z, fit.estimate, fit.sd)
         cases.append(Case("JAX, our optimiser, error bars", lambda: in_jax(first)))
     seconds = interleaved(cases)
     rows = [row(case.name, s, seconds[0], {}, notes) for case, s in zip(cases, seconds, strict=True)]
-    return Bench(_title(duration_s), (*rows, row(named, theirs_s, seconds[0], {named: 3000.0}, notes)))
+    return Bench(
+        _title(duration_s), (*rows, row(scipy_name, theirs_s, seconds[0], {scipy_name: 3000.0}, notes))
+    )
 
 
 def against_jax(duration_s: float) -> Bench:
     """The same search by the same optimiser, fed by our kernel and by JAX's."""
-    run, u = _recorded(duration_s, 3)
+    run, u = _record_run(duration_s, 3)
     z, first = run.sensors["imu"].z, 0.5 * peers.parameters()[0]
     kernel, low = _kernel(FILE.vehicle, whitened=True), np.array([0.0] * 6 + [-np.inf] * 9)
 
-    def ours():
+    def by_baqueano():
         return minimise(
             lambda theta: Evaluation(*kernel.normal_equations((u, z), theta, 1.345)),
             first, low, np.full(15, np.inf), tolerance=FINE,
         )  # fmt: skip
 
-    found = ours()
-    search, _ = _in_jax(u, z, found.theta, None)
-    title = f"{_title(duration_s)}: the search alone, {found.evaluations} evaluations"
-    cases = [Case("our kernel", ours), Case("JAX", lambda: search(first))]
+    fit = by_baqueano()
+    search, _ = _in_jax(u, z, fit.theta, None)
+    title = f"{_title(duration_s)}: the search alone, {fit.evaluations} evaluations"
+    cases = [Case("our kernel", by_baqueano), Case("JAX", lambda: search(first))]
     return measured(title, cases, {"JAX": 8.0}, {"JAX": "compiling is not counted"})
 
 
@@ -115,8 +117,8 @@ def _in_jax(
 
     truth, m, I = peers.parameters()
     search, fit = jax_peer.of(u, z, SIGMA, m, I)
-    found, errors = fit(0.5 * truth)
-    np.testing.assert_allclose(found.theta, estimate, atol=1e-3 * np.min(errors))
+    fit_result, errors = fit(0.5 * truth)
+    np.testing.assert_allclose(fit_result.theta, estimate, atol=1e-3 * np.min(errors))
     if sd is not None:
         np.testing.assert_allclose(errors, sd, rtol=1e-4)
     return search, fit
@@ -124,7 +126,7 @@ def _in_jax(
 
 def ten_times(duration_s: float) -> Bench:
     """One run, and one of ten times its length."""
-    runs = [_recorded(duration_s * k, 3)[0] for k in (1, 10)]
+    runs = [_record_run(duration_s * k, 3)[0] for k in (1, 10)]
     cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fitted(run)) for run in runs]
     return measured(
         "fit of 15 parameters over a run of ten times the length", cases, {}, most={cases[1].name: 11.0}
@@ -133,10 +135,10 @@ def ten_times(duration_s: float) -> Bench:
 
 def several_runs(duration_s: float) -> Bench:
     """Four runs, on all processors, and on one without a second worker, which would wait for the lock there."""
-    runs = [_recorded(duration_s / 4.0, seed)[0] for seed in range(4)]
+    runs = [_record_run(duration_s / 4.0, seed)[0] for seed in range(4)]
     everywhere = os.sched_getaffinity(0)
 
-    def alone():
+    def one_process():
         _confine({min(everywhere)})
         try:
             with patch.object(parallel, "ENOUGH", sys.maxsize):  # rows from which on threads pay
@@ -144,7 +146,7 @@ def several_runs(duration_s: float) -> Bench:
         finally:
             _confine(everywhere)
 
-    cases = [Case("all processors", lambda: _fitted(runs)), Case("one processor", alone)]
+    cases = [Case("all processors", lambda: _fitted(runs)), Case("one processor", one_process)]
     title = f"fit of 15 parameters over four runs, {duration_s:g} s in all"
     return measured(title, cases, {"one processor": 1.8} if len(everywhere) == 2 else {})
 
@@ -153,7 +155,7 @@ def _title(duration_s: float) -> str:
     return f"fit of 15 parameters over {duration_s:g} s at 100 Hz"
 
 
-def _recorded(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:
+def _record_run(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:
     """A run of the vehicle with a sideways actuator, and its command."""
     u = paper.signal(duration_s, sideways=20.0)
     return simulate(FILE, u, seed=seed), u
@@ -183,16 +185,16 @@ def _processors() -> int:
 
 def _kernel(vehicle, whitened=False):
     """θ (15,) and the signal → what the paper's IMU shows, or with measurements (z − h)/σ."""
-    still = np.zeros(3)
+    zero = np.zeros(3)
 
     def step(theta, state, row):
         uk, z = row if whitened else (row, None)
         model = varied(System(vehicle, None), PATHS, theta).model
-        state, motion = model.step(state, uk, peers.DT, still)
+        state, motion = model.step(state, uk, peers.DT, zero)
         h = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
         return state, (z - h) / SIGMA if whitened else h
 
-    return scan(step, vehicle.init(), (still, still) if whitened else still, np.zeros(15))
+    return scan(step, vehicle.init(), (zero, zero) if whitened else zero, np.zeros(15))
 
 
 def _huber(r):

@@ -84,16 +84,16 @@ class LeftOut(NamedTuple):
 def interleaved(cases: Sequence[Case], clock: Callable[[], float] = time.perf_counter) -> list[float]:
     """Median seconds of each case."""
     plans = [_plan(case, clock) for case in cases]
-    taken: list[list[float]] = [[] for _ in cases]
+    seconds_of_cases: list[list[float]] = [[] for _ in cases]
     gc.disable()
     try:
         for round_ in range(max(rounds for _, rounds in plans)):
-            for case, (repeat, rounds), times in zip(cases, plans, taken, strict=True):
+            for case, (repeat, rounds), times in zip(cases, plans, seconds_of_cases, strict=True):
                 if round_ < rounds:
                     times.append(timed(case.call, repeat, clock))
     finally:
         gc.enable()
-    return [median(times) for times in taken]
+    return [median(times) for times in seconds_of_cases]
 
 
 def timed(call: Callable[[], Any], repeat: int = 1, clock: Callable[[], float] = time.perf_counter) -> float:
@@ -125,15 +125,15 @@ def measured(
 def row(
     name: str,
     seconds: float,
-    ours: float,
+    own_seconds: float,
     targets: dict[str, float],
     notes: dict[str, str],
     most: dict[str, float] | None = None,
 ) -> Row:
     """One case beside ours."""
-    target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / ours
-    missed = ratio < target or bool(limit and ratio > limit)
-    return Row(name, seconds, ratio, target, notes.get(name, ""), missed, limit)
+    target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / own_seconds
+    is_missed = ratio < target or bool(limit and ratio > limit)
+    return Row(name, seconds, ratio, target, notes.get(name, ""), is_missed, limit)
 
 
 def in_units(seconds: float) -> str:

@@ -39,9 +39,9 @@ def drive(b, device, seconds: float, until=lambda samples, events: False):
     end = b.clock.now + seconds * 1e9
     while due < end and not until(samples, events):
         due += 10_000_000
-        b.clock.now = called = max(b.clock.now, due)
-        samples += [(called, sample) for sample in device.read()]
-        longest = max(longest, b.clock.now - called)
+        b.clock.now = call_ns = max(b.clock.now, due)
+        samples += [(call_ns, sample) for sample in device.read()]
+        longest = max(longest, b.clock.now - call_ns)
         events += device.events()
     return samples, events, longest
 
@@ -97,10 +97,10 @@ def recoveries(moments: int) -> None:
     samples, _, _ = drive(b, device, 1.0)
     print(f"three failed calls: samples again after {(samples[0][0] - began) / 1e6:.0f} ms")
     b, device = bench()
-    began, b.bus.held = b.clock.now, True
+    began, b.bus.sda_low = b.clock.now, True
     _, events, longest = drive(b, device, 3.0)
     events_text = ", ".join(f"{e.message.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
-    began, b.bus.held = b.clock.now, False
+    began, b.bus.sda_low = b.clock.now, False
     samples, _, _ = drive(b, device, 1.0)
     print(
         f"bus held: longest call {longest / 1e6:.1f} ms; {events_text}; freed, "
@@ -120,8 +120,11 @@ def stamps(duration_s: float) -> None:
         b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
         device = start(b)
         samples, _, longest = drive(b, device, duration_s)
-        taken = np.array(b.chip.taken)
-        error = np.array([taken[np.argmin(np.abs(taken - s.t_ns))] - s.t_ns for _, s in samples]) / 1e3
+        sample_times = np.array(b.chip.taken)
+        error = (
+            np.array([sample_times[np.argmin(np.abs(sample_times - s.t_ns))] - s.t_ns for _, s in samples])
+            / 1e3
+        )
         rate = device.rate_hz / (200.0 * (1.0 + ppm * 1e-6)) - 1.0
         parts = []
         for first, last in ((0, 1), (1, 2), (2, round(duration_s))):
@@ -135,9 +138,11 @@ def stamps(duration_s: float) -> None:
 
 def main() -> None:
     """Print what it costs, how near its stamps are, and what faults cost."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    asked.add_argument("--smallest", action="store_true", help="few calls and moments: that it runs")
-    calls, moments, stamps_s = (100, 2, 4.0) if asked.parse_args().smallest else (CALLS, MOMENTS, STAMPS_S)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--smallest", action="store_true", help="few calls and moments: that it runs")
+    calls, moments, stamps_s = (100, 2, 4.0) if parser.parse_args().smallest else (CALLS, MOMENTS, STAMPS_S)
     for mode in ("fifo", "burst"):
         us = cost(mode, calls)
         print(f"{mode}: CPU of a call, median {us[calls // 2]:.0f} µs, 99 % {us[calls * 99 // 100]:.0f} µs")

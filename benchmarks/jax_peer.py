@@ -39,8 +39,8 @@ def of(
         c = nu_dot(nu + 0.5 * peers.DT * b, uk, theta)
         d = nu_dot(nu + peers.DT * c, uk, theta)
         nu = nu + peers.DT / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-        felt = nu_dot(nu, uk, theta)
-        return nu, jnp.array([felt[0], felt[1], nu[2]])
+        rates = nu_dot(nu, uk, theta)
+        return nu, jnp.array([rates[0], rates[1], nu[2]])
 
     def residuals(theta):
         _, h = jax.lax.scan(lambda nu, uk: tick(nu, uk, theta), jnp.zeros(3), u, unroll=UNROLL)
@@ -74,7 +74,7 @@ def of(
         return minimise(evaluate, first, low, np.full(15, np.inf), tolerance=FINE)
 
     def fit(first):
-        found = search(first)
-        return found, np.asarray(errors_of(found.theta))
+        solution = search(first)
+        return solution, np.asarray(errors_of(solution.theta))
 
     return search, fit

@@ -71,7 +71,7 @@ def trajectory(libraries: Libraries, u: np.ndarray) -> Bench:
     folded = scan(lambda x, u: step(ALL, x, u), np.zeros(6), u[0], backend="c")
     free = scan(step, np.zeros(6), u[0], ALL, backend="c")
     expected = np.empty((len(u), 6))
-    by_hand = called(libraries, "simulate", len(u), ALL, u, expected)
+    by_hand = compiled_cases(libraries, "simulate", len(u), ALL, u, expected)
     np.testing.assert_allclose(folded.run(u)[1], expected, rtol=1e-11, atol=1e-11)
     cases = [
         Case("scan, constants folded", lambda: folded.run(u)),
@@ -87,7 +87,7 @@ def filtering(libraries: Libraries, u: np.ndarray) -> Bench:
     """The extended Kalman filter with 6 states and 3 measurements, its Jacobians derived."""
     z = np.random.default_rng(0).normal(size=(len(u), 3)) * 0.1
     expected = np.empty((len(u), 6))
-    by_hand = called(libraries, "filter", len(u), u, z, expected)
+    by_hand = compiled_cases(libraries, "filter", len(u), u, z, expected)
     start = (np.zeros(6), 0.01 * np.eye(6))
     joseph, short = (scan(kalman(form), start, (u[0], z[0]), backend="c") for form in (True, False))
     np.testing.assert_allclose(joseph.run((u, z))[1], expected, rtol=1e-9, atol=1e-9)
@@ -106,7 +106,7 @@ def kalman(joseph: bool):
         return x + peers.DT * peers.right_hand_side(x, u, THETA, MASS, INERTIA)
 
     def h(x, u):
-        return felt(THETA, x, u)
+        return imu_reading(THETA, x, u)
 
     def step(belief, tick):
         (x, P), (u, z) = belief, tick
@@ -122,7 +122,7 @@ def kalman(joseph: bool):
     return step
 
 
-def felt(theta, x, u):
+def imu_reading(theta, x, u):
     """(3,) what an IMU shows: ν̇ − the centripetal part, and ν_ψ."""
     nu_dot = peers.right_hand_side(x, u, theta, MASS, INERTIA)[3:]
     return np.array([nu_dot[0] - x[5] * x[4], nu_dot[1] + x[5] * x[3], x[5]])
@@ -133,22 +133,24 @@ def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
     z = np.random.default_rng(0).normal(size=(len(u), 3))
     rows = np.concatenate([np.full((len(u), 1), peers.DT), u[:, [0, 2]], z], axis=1)
     cost, gradient, hessian = np.empty(1), np.empty(15), np.empty((15, 15))
-    by_hand = called(libraries, "fit", len(u), MOTORS, rows, BEND, cost, gradient, hessian)
-    ours, apart = (
-        scan(step, BEGUN, one, MOTORS, backend="c")
-        for step, one in (
+    by_hand = compiled_cases(libraries, "fit", len(u), MOTORS, rows, BEND, cost, gradient, hessian)
+    kernel, packing_kernel = (
+        scan(step, BEGUN, example, MOTORS, backend="c")
+        for step, example in (
             (late, rows[0]),
             (lambda p, x, row: late(p, x, np.concatenate(row)), parts(rows[0])),
         )
     )
-    found = ours.normal_equations(rows, MOTORS, BEND)
-    np.testing.assert_allclose(found.cost, cost[0], rtol=1e-11)
-    np.testing.assert_allclose(found.gradient, gradient, rtol=1e-9)
-    np.testing.assert_allclose(np.triu(found.hessian), np.triu(hessian), rtol=1e-9, atol=1e-9 * hessian.max())
+    equations = kernel.normal_equations(rows, MOTORS, BEND)
+    np.testing.assert_allclose(equations.cost, cost[0], rtol=1e-11)
+    np.testing.assert_allclose(equations.gradient, gradient, rtol=1e-9)
+    np.testing.assert_allclose(
+        np.triu(equations.hessian), np.triu(hessian), rtol=1e-9, atol=1e-9 * hessian.max()
+    )
     cases = [
-        Case("scan", lambda: ours.normal_equations(rows, MOTORS, BEND)),
+        Case("scan", lambda: kernel.normal_equations(rows, MOTORS, BEND)),
         *by_hand,
-        Case("scan, packed at each call", lambda: apart.normal_equations(parts(rows), MOTORS, BEND)),
+        Case("scan, packed at each call", lambda: packing_kernel.normal_equations(parts(rows), MOTORS, BEND)),
     ]
     return measured(
         f"kernel c: normal equations, 15 parameters, {len(u):,} ticks", cases, FIT, clock=process_time
@@ -182,10 +184,10 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
     """32 vehicles, each with its own 17 parameters: few enough for one processor."""
     theta = ALL * np.random.default_rng(0).uniform(0.9, 1.1, (32, 17))
     expected = np.empty((32, 6))
-    by_hand = called(libraries, "fleet", 32, len(u), theta, u, expected)
-    ours = scan(lambda p, x, u: (runge_kutta(p, x, u), x), np.zeros(6), u[0], ALL, backend="c")
-    np.testing.assert_allclose(ours.batch(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
-    cases = [Case("scan.batch", lambda: ours.batch(u, theta)), *by_hand]
+    by_hand = compiled_cases(libraries, "fleet", 32, len(u), theta, u, expected)
+    kernel = scan(lambda p, x, u: (runge_kutta(p, x, u), x), np.zeros(6), u[0], ALL, backend="c")
+    np.testing.assert_allclose(kernel.batch(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
+    cases = [Case("scan.batch", lambda: kernel.batch(u, theta)), *by_hand]
     return measured(
         f"kernel e: 32 vehicles side by side, {len(u):,} ticks, one processor",
         cases,
@@ -194,10 +196,10 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
     )
 
 
-def called(libraries: Libraries, name: str, *arguments) -> list[Case]:
+def compiled_cases(libraries: Libraries, name: str, *arguments) -> list[Case]:
     """The function of each library on these arguments, called once, so that they are filled."""
     kinds = {int: ctypes.c_int64, float: ctypes.c_double}
-    given = [
+    pointers = [
         a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else kinds[type(a)](a)
         for a in arguments
     ]
@@ -205,6 +207,6 @@ def called(libraries: Libraries, name: str, *arguments) -> list[Case]:
     for title, library in libraries.items():
         function = getattr(library, name)
         function.restype = None
-        function(*given)
-        cases.append(Case(title, partial(function, *given)))
+        function(*pointers)
+        cases.append(Case(title, partial(function, *pointers)))
     return cases

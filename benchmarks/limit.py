@@ -51,10 +51,10 @@ class Case(NamedTuple):
 
     name: str
     block: Any
-    assumed: matched.Assumed
+    assumed: matched.AssumedNoise
 
 
-class Found(NamedTuple):
+class Accuracy(NamedTuple):
     """Of one case."""
 
     name: str
@@ -66,12 +66,12 @@ class Found(NamedTuple):
 
 def cases() -> list[Case]:
     """Both filters on what `ekf` assumes, then the recommended one with errors of the sensors."""
-    made = [Case(f"ekf, {' + '.join(use)}", *_white(use)) for use in (IMU_ALONE, BOTH)]
+    case_list = [Case(f"ekf, {' + '.join(use)}", *_white(use)) for use in (IMU_ALONE, BOTH)]
     exact, errors = (
         (EXACT, replace(ODOMETER, scale_std=0.0), "sensors exact"),
         (IMU, ODOMETER, "with bias, scale"),
     )
-    for imu, odometer, said in (exact, errors):
+    for imu, odometer, limit_of in (exact, errors):
         for use, trusted in (
             (IMU_ALONE, ()),
             (IMU_ALONE, ACCELEROMETERS),
@@ -80,31 +80,33 @@ def cases() -> list[Case]:
         ):
             sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
             block = AugmentedEkf(VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0)
-            name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {said}"
-            made.append(Case(name, block, assumed_by(block, imu)))
-    return made
+            name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {limit_of}"
+            case_list.append(Case(name, block, assumed_by(block, imu)))
+    return case_list
 
 
-def simulated(assumed: matched.Assumed, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
+def simulated(assumed: matched.AssumedNoise, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
     """Drives under commands that are held for HOLD ticks."""
     n, rng = round(seconds / matched.DT), np.random.default_rng([seed, 1])
     blocks = -(-n // HOLD)
     levels = np.stack(
         [rng.uniform(0.3, 0.9, blocks), np.zeros(blocks), rng.uniform(-0.5, 0.5, blocks)], axis=1
     )
-    return matched.driven(assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
+    return matched.drive_matched(assumed, np.repeat(levels, HOLD, axis=0)[:n], drives, seed)
 
 
-def found(case: Case, made: matched.Drives) -> Found:
+def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
     """Filter and compare."""
-    n, drives = made.x.shape[:2]
-    bound = matched.bound(case.assumed, made, 2 + 1 + (case.block.use == BOTH))
+    n, drives = simulated_drives.x.shape[:2]
+    bound = matched.bound(case.assumed, simulated_drives, 2 + 1 + (case.block.use == BOTH))
     kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
     for first in range(0, drives, TOGETHER):
         some = slice(first, first + TOGETHER)
-        true = np.swapaxes(made.x[:, some], 0, 1)
-        each_run = [kernel.run(ticks_of(made, first + k, case.block.use))[1] for k in range(len(true))]
-        eta, nu, cov, y, S = (np.stack(one) for one in zip(*each_run, strict=True))
+        true = np.swapaxes(simulated_drives.x[:, some], 0, 1)
+        each_run = [
+            kernel.run(ticks_of(simulated_drives, first + k, case.block.use))[1] for k in range(len(true))
+        ]
+        eta, nu, cov, y, S = (np.stack(outputs) for outputs in zip(*each_run, strict=True))
         off, e = eta - true[..., matched.POSE], nu - true[..., matched.NU] * (1.0 + true[..., [8, 8, 9]])
         off[..., 2] = wrap(off[..., 2])
         each = {
@@ -124,7 +126,7 @@ def found(case: Case, made: matched.Drives) -> Found:
     width = {name: BAND * np.sqrt(2.0 / (drives * size)) for name, (_, size) in sums.items()}
     rms = np.sqrt(squares), np.sqrt(np.mean(bound[settled:, 0]))
     t_s = matched.DT * np.arange(1, n + 1)
-    return Found(case.name, t_s, {name: one for name, (one, _) in sums.items()}, width, rms)
+    return Accuracy(case.name, t_s, {name: series for name, (series, _) in sums.items()}, width, rms)
 
 
 def main() -> None:
@@ -134,38 +136,38 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--plot", type=Path, help="a file for the curves, .svg or .png")
     parser.add_argument("--smallest", action="store_true", help="a size that shows in seconds that it runs")
-    asked = parser.parse_args()
-    drives, seconds = (4, 2.0) if asked.smallest else (asked.drives, asked.seconds)
+    args = parser.parse_args()
+    drives, seconds = (4, 2.0) if args.smallest else (args.drives, args.seconds)
     print(
         f"{drives} drives of {seconds:g} s of the matched model; 1 is right, in brackets the share of ticks in band"
     )
-    all_found, assumed, made = [], None, None
+    all_found, assumed, simulated_drives = [], None, None
     for case in cases():
-        if assumed is None or made is None or not all(map(np.array_equal, assumed, case.assumed)):
-            assumed, made = case.assumed, simulated(case.assumed, drives, seconds)
-        one = found(case, made)
-        all_found.append(one)
+        if assumed is None or simulated_drives is None or not all(map(np.array_equal, assumed, case.assumed)):
+            assumed, simulated_drives = case.assumed, simulated(case.assumed, drives, seconds)
+        result = accuracy(case, simulated_drives)
+        all_found.append(result)
         words = [
-            f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < one.width[name]):.0%})"
-            for name, x in one.ratios.items()
+            f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < result.width[name]):.0%})"
+            for name, x in result.ratios.items()
         ]
-        ours, least = one.speed
-        words.append(f"speed {1e3 * ours:.2f} mm/s = {ours / least:.2f} × the bound")
-        print(f"{one.name:74}  {', '.join(words)}", flush=True)
-    if asked.plot:
-        _drawn(all_found).savefig(asked.plot)
+        reached, least = result.speed
+        words.append(f"speed {1e3 * reached:.2f} mm/s = {reached / least:.2f} × the bound")
+        print(f"{result.name:74}  {', '.join(words)}", flush=True)
+    if args.plot:
+        _drawing(all_found).savefig(args.plot)
 
 
-def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.Assumed:
+def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.AssumedNoise:
     """Return the noise that the recommended filter believes in."""
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
     walk = np.array([*imu.accel_bias_walk * np.ones(2), imu.gyro_bias_walk])
-    return matched.Assumed(
+    return matched.AssumedNoise(
         start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s, walk, READING
     )
 
 
-def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.Assumed]:
+def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.AssumedNoise]:
     """The filter of the paper's state; of R: ν gains half of what d gains in a tick, and ν̇ = f(ν) + d."""
     walk, d, fade_s = np.array([0.03, 0.01, 0.1]), np.array([0.3, 3.0]), 0.5
     A = -np.diag([matched.ALONG / matched.M[0], matched.ACROSS / matched.M[1], matched.SPIN / matched.I])
@@ -181,7 +183,7 @@ def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.Assumed]:
         initial_std=np.array([*pose, *nu, d[0], 1e-2, d[1]]),
     )  # fmt: skip
     start = np.concatenate([pose, nu, d, np.zeros(5)])
-    return block, matched.Assumed(start, walk, d, np.full(2, fade_s), np.zeros(3), READING)
+    return block, matched.AssumedNoise(start, walk, d, np.full(2, fade_s), np.zeros(3), READING)
 
 
 def kernel_of(block: Any) -> Any:
@@ -196,13 +198,13 @@ def kernel_of(block: Any) -> Any:
     return scan(step, block.init(), example)
 
 
-def ticks_of(made: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
+def ticks_of(simulated_drives: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
     """Return what a filter hears of drive `k`."""
-    n, z = len(made.u), made.z[:, k]
+    n, z = len(simulated_drives.u), simulated_drives.z[:, k]
     columns = (np.ascontiguousarray(z[:, :3]), np.ascontiguousarray(z[:, 3:]))[: len(use)]
-    slots = sensor_slots(use)(*(Slot(np.ones(n), one, np.zeros(n)) for one in columns))
+    slots = sensor_slots(use)(*(Slot(np.ones(n), column, np.zeros(n)) for column in columns))
     t_ns: Any = round(1e9 * matched.DT) * np.arange(1, n + 1)
-    return Tick(t_ns, made.u, slots)
+    return Tick(t_ns, simulated_drives.u, slots)
 
 
 def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
@@ -210,20 +212,22 @@ def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
     return np.sum(e * np.linalg.solve(cov, e[..., None])[..., 0], axis=-1)
 
 
-def _drawn(all_found: list[Found]) -> Any:
+def _drawing(all_found: list[Accuracy]) -> Any:
     from baqueano.report.figures import over_time
 
     names = list(all_found[0].ratios)[:3]
     figure = over_time(
-        [(one.name, {name: (one.t_s, one.ratios[name]) for name in names}) for one in all_found]
+        [(result.name, {name: (result.t_s, result.ratios[name]) for name in names}) for result in all_found]
     )
-    for axis, one in zip(figure.axes, all_found, strict=True):
-        axis.set_ylim(0.0, max(2.0, 1.2 * max(float(np.max(one.ratios[name])) for name in names)))
+    for axis, result in zip(figure.axes, all_found, strict=True):
+        axis.set_ylim(0.0, max(2.0, 1.2 * max(float(np.max(result.ratios[name])) for name in names)))
         axis.set_title(axis.get_ylabel())
         axis.set_ylabel("mean / dimension")
         for line, colour in zip(axis.lines, ("#1f77b4", "#d62728", "#2ca02c"), strict=False):
             line.set_color(colour)
-        axis.axhspan(1.0 - one.width[names[0]], 1.0 + one.width[names[0]], color="#8a8f98", alpha=0.25, lw=0)
+        axis.axhspan(
+            1.0 - result.width[names[0]], 1.0 + result.width[names[0]], color="#8a8f98", alpha=0.25, lw=0
+        )
     figure.axes[0].legend(names, ncols=3, loc="upper right")
     return figure
 

@@ -15,21 +15,21 @@ def benches(smallest: bool) -> list[Bench]:
     """All processors against one: NumPy has no other way."""
     vehicles, duration_s = (40, 2.0) if smallest else (10_000, 60.0)
     theta, m, I = peers.parameters()
-    drawn = theta * np.random.default_rng(1).uniform(0.8, 1.2, (vehicles, 15))
+    thetas = theta * np.random.default_rng(1).uniform(0.8, 1.2, (vehicles, 15))
     u = paper.signal(duration_s)
     file = SimpleNamespace(
         envelope=None,
         vehicle=paper.vehicle(), sensors=paper.sensors(), rate_hz=100.0,
         command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=np.array([20.0, 0.0, 60.0])),
     )  # fmt: skip
-    vary = {PATHS[0]: drawn[:, :3], PATHS[1]: drawn[:, 3:6], PATHS[2]: drawn[:, 6:].reshape(-1, 3, 3)}
+    vary = {PATHS[0]: thetas[:, :3], PATHS[1]: thetas[:, 3:6], PATHS[2]: thetas[:, 6:].reshape(-1, 3, 3)}
     few = {path: values[:40] for path, values in vary.items()}
     np.testing.assert_allclose(
-        simulate_many(file, u, vary=few).nu[:, 0], peers.simulate_many(u, drawn[:40], m, I)[:, 3:], atol=1e-8
+        simulate_many(file, u, vary=few).nu[:, 0], peers.simulate_many(u, thetas[:40], m, I)[:, 3:], atol=1e-8
     )
     cases = [
         Case("simulate_many()", lambda: simulate_many(file, u, vary=vary), 3),
-        Case("NumPy, vectorised", lambda: peers.simulate_many(u, drawn, m, I), 1),
+        Case("NumPy, vectorised", lambda: peers.simulate_many(u, thetas, m, I), 1),
     ]
     return [
         measured(f"{vehicles:,} vehicles, {duration_s:g} s at 100 Hz", cases, {"NumPy, vectorised": 15.0})

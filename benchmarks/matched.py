@@ -26,7 +26,7 @@ INNER = [3, 4, 5, 6, 7, 10, 11, 12]  # s, as entries of x
 OF_FILTER = [*range(10), 12, 13, 14]  # x in the filter's state: its course and bend are certain in this model
 
 
-class Assumed(NamedTuple):
+class AssumedNoise(NamedTuple):
     """The noise that a filter believes in."""
 
     start: np.ndarray  # (13,) standard deviations of x = (η, ν, d, κ, β)
@@ -65,16 +65,16 @@ def readings(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.stack(z, axis=1)
 
 
-def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
+def drive_matched(assumed: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Drives:
     """n drives under u (N, 3).  (1)-(3)"""
     rng, h = np.random.default_rng(seed), DT / STEPS
     x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
     x[:, D] = assumed.disturbance * rng.standard_normal((n, 2))
     keep = np.exp(-0.5 * h / assumed.fade_s)
     fresh = assumed.disturbance * np.sqrt(1.0 - keep**2)
-    walk, of_bias = (one * np.sqrt(0.5 * h) for one in (assumed.walk, assumed.bias_walk))
+    walk, of_bias = (density * np.sqrt(0.5 * h) for density in (assumed.walk, assumed.bias_walk))
 
-    def shaken(x: np.ndarray) -> np.ndarray:
+    def add_walk(x: np.ndarray) -> np.ndarray:
         draw, x = rng.standard_normal((n, 8)), x.copy()
         x[:, NU] += walk * draw[:, :3]
         x[:, D] = keep * x[:, D] + fresh * draw[:, 3:5]
@@ -83,37 +83,37 @@ def driven(assumed: Assumed, u: np.ndarray, n: int, seed: int) -> Drives:
 
     for row in u:
         for _ in range(STEPS):
-            x = shaken(x)
+            x = add_walk(x)
             k1 = rates(x, row)
             k2 = rates(x + 0.5 * h * k1, row)
             k3 = rates(x + 0.5 * h * k2, row)
-            x = shaken(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row)))
+            x = add_walk(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + rates(x + h * k3, row)))
         xs.append(x)
         zs.append(readings(x, row) + assumed.reading * rng.standard_normal((n, 4)))
     return Drives(u, np.stack(xs), np.stack(zs))
 
 
-def bound(assumed: Assumed, drives: Drives, m: int) -> np.ndarray:
+def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
     """Variances (N, 3) that no estimator of ν as it is shown can go below, by the first m readings.  (4)"""
-    known = [
+    indices = [
         k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
     ]  # a bias without error is a constant
-    at = [INNER[k] for k in known]
+    at = [INNER[k] for k in indices]
     sd = np.where(np.isin(INNER, range(6, 8)), 0.0, assumed.start[INNER])
     sd[3:5] = assumed.disturbance
-    J, out, before = np.diag(1.0 / sd[known] ** 2), np.empty((len(drives.u), 3)), None
+    J, out, before = np.diag(1.0 / sd[indices] ** 2), np.empty((len(drives.u), 3)), None
     noise = np.concatenate(
         [assumed.walk**2, 2.0 * assumed.disturbance**2 / assumed.fade_s, assumed.bias_walk**2]
     )
     for k, (row, x) in enumerate(zip(drives.u, drives.x, strict=True)):
         before = x if before is None else before
         F, Q = _transition(before, noise, assumed.fade_s)
-        F, W = F[:, known][:, :, known], np.linalg.inv(Q[:, known][:, :, known])
+        F, W = F[:, indices][:, :, indices], np.linalg.inv(Q[:, indices][:, :, indices])
         WF = W @ F
         D11, D12, D22 = np.mean(np.swapaxes(F, 1, 2) @ WF, axis=0), np.mean(WF, axis=0), np.mean(W, axis=0)
         H = _slopes(x, row)[:, :m, at]
-        shown = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:m, None] ** 2), axis=0)
-        J = D22 + shown - D12 @ np.linalg.solve(J + D11, D12.T)
+        information_of_readings = np.mean(np.swapaxes(H, 1, 2) @ (H / assumed.reading[:m, None] ** 2), axis=0)
+        J = D22 + information_of_readings - D12 @ np.linalg.solve(J + D11, D12.T)
         spread = np.repeat(assumed.start[KAPPA], [2, 1]) ** 2
         out[k] = np.diag(np.linalg.inv(J))[:3] + spread * np.mean(x[:, NU] ** 2, axis=0)
         before = x
@@ -134,11 +134,11 @@ def _transition(x: np.ndarray, noise: np.ndarray, fade_s: np.ndarray) -> tuple[n
     A[:, 1, 0], A[:, 1, 1], A[:, 1, 2] = -r, -ACROSS / M[1], -vx
     A[:, 2, 2], A[:, 2, 4] = -SPIN / I, 1.0
     A[:, 3, 3], A[:, 4, 4] = -1.0 / fade_s
-    one, power = np.broadcast_to(np.eye(8), A.shape).copy(), np.eye(8)
+    identity, power = np.broadcast_to(np.eye(8), A.shape).copy(), np.eye(8)
     for k in range(1, 5):
         power = power @ A * (h / k)
-        one = one + power
+        identity = identity + power
     F, Q, half = np.broadcast_to(np.eye(8), A.shape), np.zeros((n, 8, 8)), np.diag(0.5 * h * noise)
     for _ in range(STEPS):
-        F, Q = one @ F, one @ (Q + half) @ np.swapaxes(one, 1, 2) + half
+        F, Q = identity @ F, identity @ (Q + half) @ np.swapaxes(identity, 1, 2) + half
     return F, Q

@@ -32,7 +32,7 @@ from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.symbolic.c_code.compile import user_cache
 from benchmarks.harness import LeftOut
 from tests.emulated import rig
-from tests.emulated.drives import drive, served, spin
+from tests.emulated.drives import drive, serve, spin
 from tests.emulated.onboard import running
 from tests.emulated.robot import EmulatedRobot
 
@@ -71,8 +71,8 @@ class Figures:
 
     def table(self) -> str:
         """For people."""
-        missed = "" if self.met else ": missed"
-        lines = [f"onboard service, small vehicle, default EKF compiled (target {MOST_MB:g} MB{missed})"]
+        verdict = "" if self.met else ": missed"
+        lines = [f"onboard service, small vehicle, default EKF compiled (target {MOST_MB:g} MB{verdict})"]
         lines += [f"  resident, {when:<10} {mb:8.1f} MB" for when, mb in self.resident_mb.items()]
         over = "" if self.pi_start_s <= MOST_START_S else f", more than {MOST_START_S:g} s"
         lines += [
@@ -93,14 +93,14 @@ def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
     """The quickest of five starts, and a drive of 30 s; of one start, and a drive of 1 s."""
     if lacking := rig.missing():
         return [LeftOut("onboard service", f"sudo apt-get install {' '.join(lacking)}")]
-    built = rig.build(user_cache() / "emulated")
-    starts = [started(built) for _ in range(0 if smallest else 4)]
+    build = rig.build(user_cache() / "emulated")
+    starts = [start_service(build) for _ in range(0 if smallest else 4)]
     with tempfile.TemporaryDirectory() as folder:
-        resident, kept, own = driven(built, Path(folder), 1.0 if smallest else 30.0)
+        resident, clock_text, own = drive_service(build, Path(folder), 1.0 if smallest else 30.0)
     start_s, cpu_s = min([*starts, own])
     ratio = PI3_HELLO_S / hello_s(2 if smallest else 40)
-    loading, tick_s = loading_s(1 if smallest else 5), computing(built, 1.0 if smallest else 20.0)
-    return [Figures(resident, start_s, cpu_s, loading, tick_s, kept, ratio)]
+    loading, tick_s = loading_s(1 if smallest else 5), computing(build, 1.0 if smallest else 20.0)
+    return [Figures(resident, start_s, cpu_s, loading, tick_s, clock_text, ratio)]
 
 
 def loading_s(times: int) -> float:
@@ -112,26 +112,28 @@ def loading_s(times: int) -> float:
         "[importlib.import_module(name) for name in o.REST]; print(time.process_time() - t)"
     )
     environment = {**os.environ, **AS_INSTALLED}
-    said = [
+    processes = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=environment)
         for _ in range(times)
     ]
-    return min(float(one.stdout) for one in said)
+    return min(float(process.stdout) for process in processes)
 
 
-def started(built: Any) -> tuple[float, float]:
+def start_service(build: Any) -> tuple[float, float]:
     """Seconds until READY=1, and those of a processor."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        running(built, Path(folder), environment=AS_INSTALLED) as service,
+        running(build, Path(folder), environment=AS_INSTALLED) as service,
     ):
         return service.start_s, service.cpu_s
 
 
-def driven(built: Any, folder: Path, seconds: float) -> tuple[dict[str, float], str, tuple[float, float]]:
+def drive_service(
+    build: Any, folder: Path, seconds: float
+) -> tuple[dict[str, float], str, tuple[float, float]]:
     """Resident memory [MB] before, in and after a drive, and most ever; how its ticks were kept; its start."""
     resident: dict[str, float] = {}
-    with running(built, folder, environment=AS_INSTALLED) as service, reached(str(service.door)) as remote:
+    with running(build, folder, environment=AS_INSTALLED) as service, reached(str(service.door)) as remote:
         while remote.state["state"] != "READY":
             remote.hear(("state",), 60.0)
         resident["READY"] = service.memory_mb()["VmRSS"]
@@ -145,24 +147,24 @@ def driven(built: Any, folder: Path, seconds: float) -> tuple[dict[str, float], 
         )
         after = service.memory_mb()
     resident |= {"after": after["VmRSS"], "most ever": after["VmHWM"]}
-    kept = next(event.text for event in run.events if event.source == CLOCK_SOURCE)
-    return resident, kept, (service.start_s, service.cpu_s)
+    clock_text = next(event.text for event in run.events if event.source == CLOCK_SOURCE)
+    return resident, clock_text, (service.start_s, service.cpu_s)
 
 
-def computing(built: Any, seconds: float) -> float:
+def computing(build: Any, seconds: float) -> float:
     """Processor time [s] of a tick: the median, in lock-step, less what the emulators take."""
-    robot = EmulatedRobot(built, vehicle_file.load("small"))
+    robot = EmulatedRobot(build, vehicle_file.load("small"))
     with tempfile.TemporaryDirectory() as folder:
-        service = served(robot, vehicle_file.load("small"), Path(folder))
-        waited, marks = 0.0, []
+        service = serve(robot, vehicle_file.load("small"), Path(folder))
+        wait_s, marks = 0.0, []
 
         def wait(seconds: float) -> None:
-            nonlocal waited
-            begun = time.thread_time()
+            nonlocal wait_s
+            start_s = time.thread_time()
             robot.wait(seconds)
-            waited += time.thread_time() - begun
+            wait_s += time.thread_time() - start_s
 
-        service.sleep, service.healthy = wait, lambda: marks.append(time.thread_time() - waited)
+        service.sleep, service.healthy = wait, lambda: marks.append(time.thread_time() - wait_s)
         drive(service, spin(seconds, 0.3))
     robot.close()
     return median(np.diff(marks).tolist())
@@ -170,11 +172,11 @@ def computing(built: Any, seconds: float) -> float:
 
 def hello_s(times: int) -> float:
     """Processor time [s] of HELLO, the median."""
-    taken = []
+    cpu_times = []
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     for _ in range(times):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(HELLO, stdout=subprocess.DEVNULL, env=environment, check=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        taken.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    return median(taken)
+        cpu_times.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return median(cpu_times)

@@ -42,29 +42,29 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
         page, port = open_things.enter_context(_page(folder, door))
         guest = open_things.enter_context(_Guest(door))
         rounds, seconds = (1, 0.5) if smallest else (6, 4.0)
-        found: list[Bench | LeftOut] = [
+        benches_of_room: list[Bench | LeftOut] = [
             asyncio.run(_viewers(page, port, rounds, seconds)),
             asyncio.run(_history(service, guest, port, rounds, seconds)),
             asyncio.run(_stalled(service, page, guest, port, rounds, seconds)),
         ]
         guest.say("end")
-        return [*found, *_browser(smallest)]
+        return [*benches_of_room, *_browser(smallest)]
 
 
 async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
     """Processor time and memory of the page process without and with viewers, in turn."""
-    alone, watched = [], []
+    quiet, with_viewers = [], []
     for _ in range(rounds):
-        alone.append(await _share(page, seconds))
+        quiet.append(await _share(page, seconds))
         async with _looking(port, VIEWERS):
-            watched.append(await _share(page, seconds))
+            with_viewers.append(await _share(page, seconds))
     resident = resident_mb(page)
-    none, five = median(alone), median(watched)
+    none, five = median(quiet), median(with_viewers)
     rows = (
         Row("nobody looks", none / 100.0, 1.0, note=f"{none:.2f} % of a core"),
         Row(
             f"{VIEWERS} browsers at 20 Hz", five / 100.0, five / max(none, 1e-9), missed=five > MOST_PERCENT,
-            note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {spread(watched)}",
+            note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {spread(with_viewers)}",
         ),
         Row(
             "memory", 0.0, 1.0, missed=resident > MOST_MB,
@@ -77,20 +77,20 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
 async def _history(service: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
     """How late a tick begins in the service while a visitor of the page takes the last 60 s twice a second."""
     first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
-    plain, taken = [], []
+    plain, with_history = [], []
     await asyncio.sleep(0.5 if rounds == 1 else 10.0)  # the ring of the page fills
     for _ in range(rounds):
         plain.append(await asyncio.to_thread(guest.late_ms, seconds))
         async with _looking(port, 1) as lines:
             asking = asyncio.create_task(_ask_again(lines[0]))
-            taken.append(await asyncio.to_thread(guest.late_ms, seconds))
+            with_history.append(await asyncio.to_thread(guest.late_ms, seconds))
             asking.cancel()
-    without, beside = (p99([x for one in several for x in one]) for several in (plain, taken))
-    later = median(p99(b) - p99(a) for a, b in zip(plain, taken, strict=True))
+    without, busy = (p99([x for times in several for x in times]) for several in (plain, with_history))
+    later = median(p99(b) - p99(a) for a, b in zip(plain, with_history, strict=True))
     rows = (
         Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(
-            "with one who takes history", 1e-3 * beside, beside / max(without, 1e-9), missed=later > MOST_LATER_MS,
+            "with one who takes history", 1e-3 * busy, busy / max(without, 1e-9), missed=later > MOST_LATER_MS,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g})",
         ),
     )  # fmt: skip
@@ -100,24 +100,24 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
 async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
     """Memory of the page process, and how late a tick begins, while tabs read nothing."""
     first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
-    plain, stalled, grown, there = [], [], [], 0
+    plain, stalled, growth_mb, visitors = [], [], [], 0
     for _ in range(rounds):
         plain.append(await asyncio.to_thread(guest.late_ms, seconds))
         before = resident_mb(page)
-        async with _come(port, TABS) as lines:
-            there = len(lines)
+        async with _connect_guests(port, TABS) as lines:
+            visitors = len(lines)
             for line in lines:
                 line.transport.pause_reading()
             stalled.append(await asyncio.to_thread(guest.late_ms, seconds))
-            grown.append(resident_mb(page) - before)
+            growth_mb.append(resident_mb(page) - before)
     later = median(p99(b) - p99(a) for a, b in zip(plain, stalled, strict=True))
-    without, beside = (p99([x for one in several for x in one]) for several in (plain, stalled))
+    without, busy = (p99([x for times in several for x in times]) for several in (plain, stalled))
     rows = (
         Row("p99 without them", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
-        Row(f"with the {there} that are let in", 1e-3 * beside, beside / max(without, 1e-9),
-            missed=later > MOST_LATER_MS or max(grown) > MOST_GROWN_MB,
+        Row(f"with the {visitors} that are let in", 1e-3 * busy, busy / max(without, 1e-9),
+            missed=later > MOST_LATER_MS or max(growth_mb) > MOST_GROWN_MB,
             note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g}); "
-                 f"{max(grown):+.1f} MB resident (at most {MOST_GROWN_MB:g})"),
+                 f"{max(growth_mb):+.1f} MB resident (at most {MOST_GROWN_MB:g})"),
     )  # fmt: skip
     return Bench(f"{TABS} tabs that read nothing", rows)
 
@@ -146,13 +146,13 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
         drawings = tab.js("baqueano.costs")
         strips = tab.js("document.querySelectorAll('.strip canvas, canvas.strip').length")
         for _ in range(1 if smallest else 5):
-            other = chromium.tab()
-            other.size(1280, 800)
-            other.do("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
-            other.goto(f"http://127.0.0.1:{port}/")
-            other.wait("globalThis.first_ms", STARTS_S)
-            pictures.append(other.js("first_ms"))
-            other.close()
+            second = chromium.tab()
+            second.size(1280, 800)
+            second.do("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
+            second.goto(f"http://127.0.0.1:{port}/")
+            second.wait("globalThis.first_ms", STARTS_S)
+            pictures.append(second.js("first_ms"))
+            second.close()
         tab.close()
     picture, key, drawing = median(pictures), median(keys), quantile(drawings, 0.95)
     rows = (
@@ -193,12 +193,12 @@ requestAnimationFrame(looked);
 def _key_to_command(tab: Any, guest: "_Guest") -> float:
     """Return the time from a key of the browser to the tick whose command it is [ms]."""
     offset_s = guest.offset_s(1.0)
-    begun = time.monotonic()
+    start_s = time.monotonic()
     tab.down("w", "KeyW")
     moved_s = guest.first_s("u.0", lambda u: u > 0.01)
     tab.up("w", "KeyW")
     guest.first_s("u.0", lambda u: abs(u) < 1e-6)
-    return 1e3 * (moved_s + offset_s - begun)
+    return 1e3 * (moved_s + offset_s - start_s)
 
 
 class _Guest:
@@ -231,10 +231,10 @@ class _Guest:
 
     def late_ms(self, seconds: float) -> list[float]:
         """Return how late each tick of the next seconds began."""
-        end, found = time.monotonic() + seconds, []
+        end, times_ms = time.monotonic() + seconds, []
         for rows in self._frames(end):
-            found += [row[self._at["late_ms"]] for row in rows]
-        return found
+            times_ms += [row[self._at["late_ms"]] for row in rows]
+        return times_ms
 
     def offset_s(self, seconds: float) -> float:
         """Return the time of the wall at 0 s of the drive: that of the frame that came soonest."""
@@ -291,14 +291,14 @@ def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
         assert program.stderr is not None
         try:
-            found = next(m for line in program.stderr if (m := re.search(r"127\.0\.0\.1:(\d+)/", line)))
-            yield program.pid, int(found[1])
+            match = next(m for line in program.stderr if (m := re.search(r"127\.0\.0\.1:(\d+)/", line)))
+            yield program.pid, int(match[1])
         finally:
             program.send_signal(signal.SIGTERM)
 
 
 @asynccontextmanager
-async def _come(port: int, number: int) -> Any:
+async def _connect_guests(port: int, number: int) -> Any:
     """Browsers that say hello, as many of them as are let in."""
     from websockets.asyncio.client import connect
     from websockets.exceptions import InvalidStatus
@@ -323,8 +323,8 @@ async def _come(port: int, number: int) -> Any:
 @asynccontextmanager
 async def _looking(port: int, number: int) -> Any:
     """Browsers that read what comes."""
-    async with _come(port, number) as lines:
-        reading = [asyncio.create_task(_read(line)) for line in lines]
+    async with _connect_guests(port, number) as lines:
+        reading = [asyncio.create_task(_read_all(line)) for line in lines]
         await asyncio.sleep(1.0)  # hello, history and list of runs are done with
         try:
             yield lines
@@ -333,7 +333,7 @@ async def _looking(port: int, number: int) -> Any:
                 task.cancel()
 
 
-async def _read(line: Any) -> None:
+async def _read_all(line: Any) -> None:
     async for _ in line:
         pass
 
@@ -346,9 +346,9 @@ async def _ask_again(line: Any) -> None:
 
 async def _share(process: int, seconds: float) -> float:
     """Return the processor time of a process [% of a core]."""
-    before, begun = _used_s(process), time.monotonic()
+    before, start_s = _used_s(process), time.monotonic()
     await asyncio.sleep(seconds)
-    return 100.0 * (_used_s(process) - before) / (time.monotonic() - begun)
+    return 100.0 * (_used_s(process) - before) / (time.monotonic() - start_s)
 
 
 def _used_s(process: int) -> float:

@@ -114,7 +114,7 @@ def filtered(u, z, theta, m, I, Q, R, P0):
     return out
 
 
-def driven(gains, route_t, route_eta, limit, theta, m, I, ticks, weight, huber):
+def drive_loop(gains, route_t, route_eta, limit, theta, m, I, ticks, weight, huber):
     """The paper's cost of a drive with its PD, and the loop that gives it."""
     x, u, last, cost = np.zeros(6), np.zeros(3), None, 0.0
     for k in range(ticks):
@@ -143,8 +143,8 @@ def driven_many(gains, start, route_t, route_eta, limit, theta, m, I, ticks, wei
         c, s, nu = np.cos(x[2]), np.sin(x[2]), x[3:]
         drag = (theta[:3, None] + theta[3:6, None] * np.abs(nu)) * nu
         nu_dot = (T @ u - drag) / mass
-        turned = nu_dot[0] + nu[2] * nu[1], nu_dot[1] - nu[2] * nu[0]
-        return np.stack([c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2], *turned, nu_dot[2]])
+        acceleration = nu_dot[0] + nu[2] * nu[1], nu_dot[1] - nu[2] * nu[0]
+        return np.stack([c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2], *acceleration, nu_dot[2]])
 
     x = np.zeros((6, len(gains)))
     x[:3] = np.asarray(start)[:, None]
@@ -163,6 +163,6 @@ def driven_many(gains, start, route_t, route_eta, limit, theta, m, I, ticks, wei
         e_x = np.cos(x[2]) * d[0] + np.sin(x[2]) * d[1]
         change = 0.0 if last is None else ((d[2] - last + np.pi) % (2.0 * np.pi) - np.pi) / DT
         last = d[2]
-        wanted = np.stack([k_x * e_x, np.zeros_like(e_x), k_psi * d[2] + k_rate * change])
-        u = np.clip(wanted, -limit[:, None], limit[:, None])
+        command = np.stack([k_x * e_x, np.zeros_like(e_x), k_psi * d[2] + k_rate * change])
+        u = np.clip(command, -limit[:, None], limit[:, None])
     return cost

@@ -12,9 +12,9 @@ SESSION = Path("/proc/self/autogroup")
 def resident_mb(process: int, most: bool = False) -> float:
     """Return the resident memory of a process [MB], or the most that it had since `forget_most`."""
     text = Path(f"/proc/{process}/status").read_text()
-    found = re.search(rf"{'VmHWM' if most else 'VmRSS'}:\s+(\d+)", text)
-    assert found is not None
-    return 1024e-6 * float(found[1])
+    match = re.search(rf"{'VmHWM' if most else 'VmRSS'}:\s+(\d+)", text)
+    assert match is not None
+    return 1024e-6 * float(match[1])
 
 
 def forget_most(process: int) -> None:

@@ -56,11 +56,11 @@ def _log(block: AugmentedEkf, n: int) -> tuple[np.ndarray, np.ndarray]:
     u = np.repeat(rng.uniform([0.3, 0.0, -0.5], [0.9, 0.0, 0.5], (-(-n // 50), 3)), 50, axis=0)[:n]
     noise = np.array([*IMU.accel_noise_std, IMU.gyro_noise_std, 0.0])  # and of a speed that no peer reads
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
-    assumed = matched.Assumed(
+    assumed = matched.AssumedNoise(
         start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s,
         np.zeros(3), noise,
     )  # fmt: skip
-    return u, matched.driven(assumed, u, 1, 3).z[:, 0, :3]
+    return u, matched.drive_matched(assumed, u, 1, 3).z[:, 0, :3]
 
 
 def _peer(block: AugmentedEkf) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -84,31 +84,31 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
     few = min(n, 6000)  # filterpy takes the same time for each tick
 
     def by_filterpy():
-        other = augmented_peer.Filterpy(*peer)
-        return np.array([other.step(*row) for row in zip(u[:few], z[:few], strict=True)])
+        peer_filter = augmented_peer.Filterpy(*peer)
+        return np.array([peer_filter.step(*row) for row in zip(u[:few], z[:few], strict=True)])
 
-    ours = kernel.run(ticks)[1]
-    theirs = by_filterpy()
-    off = ours[1][:few, 2] - theirs[:, 5]
+    outputs = kernel.run(ticks)[1]
+    reference = by_filterpy()
+    off = outputs[1][:few, 2] - reference[:, 5]
     assert np.sqrt(np.mean(off**2)) < AGREE, np.sqrt(np.mean(off**2))
-    named = f"filterpy, 13 states, {few / 100:g} s of it"
+    peer_name = f"filterpy, 13 states, {few / 100:g} s of it"
     cases = [
         Case("scan, recommended filter", lambda: kernel.run(ticks)),
-        Case(named, by_filterpy, 1 if smallest else 3),
+        Case(peer_name, by_filterpy, 1 if smallest else 3),
     ]
     try:
         by_dynamax = augmented_peer.dynamax(u, z, *peer)
     except ImportError:
         cases.append(None)
     else:
-        np.testing.assert_allclose(by_dynamax()[:few, 3:6], theirs[:, 3:6], atol=1e-3)
+        np.testing.assert_allclose(by_dynamax()[:few, 3:6], reference[:, 3:6], atol=1e-3)
         cases.append(Case("dynamax, 13 states, jit", by_dynamax, 1 if smallest else 3))
     left_out = [LeftOut("dynamax on ten minutes of log", "pip install dynamax")] if cases[-1] is None else []
     bench = measured(
         f"recommended filter over {n / 100:g} s at 100 Hz",
         [case for case in cases if case],
-        {named: 300.0 * few / n, "dynamax, 13 states, jit": 25.0},
-        {named: f"{n / few:g} times as long for all of it"} if few < n else {},
+        {peer_name: 300.0 * few / n, "dynamax, 13 states, jit": 25.0},
+        {peer_name: f"{n / few:g} times as long for all of it"} if few < n else {},
         clock=time.process_time,
     )
     return [bench, *left_out]
@@ -117,22 +117,22 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
 def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
     """One tick at a time, through `step` of the contract."""
 
-    def online(made):
-        state = [made.init(), 0]
+    def online(estimator):
+        state = [estimator.init(), 0]
 
         def once():
             k = state[1] % len(u)
-            one = Tick(10_000_000 * (state[1] + 1), u[k], SLOTS(Slot(1.0, z[k])))
-            state[0], _ = made.step(state[0], one)
+            tick = Tick(10_000_000 * (state[1] + 1), u[k], SLOTS(Slot(1.0, z[k])))
+            state[0], _ = estimator.step(state[0], tick)
             state[1] += 1
 
         return once
 
-    other, at = augmented_peer.Filterpy(*_peer(block)), [0]
+    peer_filter, at = augmented_peer.Filterpy(*_peer(block)), [0]
 
     def by_filterpy():
         k = at[0] % len(u)
-        other.step(u[k], z[k])
+        peer_filter.step(u[k], z[k])
         at[0] += 1
 
     quick, slow = online(compiled(block)), online(compiled(block, "python"))
@@ -144,25 +144,25 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
     bench = measured(
         "a tick on line, through step", cases, {"filterpy, 13 states": 20.0}, clock=time.process_time
     )
-    without, theirs = (row for row in bench.rows[1:])
-    gain = theirs.seconds / without.seconds
-    judged = without._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
-    return bench._replace(rows=(bench.rows[0], judged, theirs))
+    without, reference = (row for row in bench.rows[1:])
+    gain = reference.seconds / without.seconds
+    row_of_target = without._replace(note=f"{gain:.1f} × as quick as filterpy (target 3)", missed=gain < 3.0)
+    return bench._replace(rows=(bench.rows[0], row_of_target, reference))
 
 
 def _of_compiling(smallest: bool) -> Bench:
     """In processes of their own, with an empty cache; the gradient is by the noise of the filter."""
     rows = []
     for name, most in MOST_S.items():
-        taken = []
+        compile_times = []
         for _ in range(1 if smallest else 3):
             with tempfile.TemporaryDirectory() as folder:
                 environment = {**os.environ, "XDG_CACHE_HOME": folder}
                 done = subprocess.run(
                     [sys.executable, "-m", __name__, name], capture_output=True, check=True, env=environment
                 )
-            taken.append(float(done.stdout))
-        seconds = min(taken)
+            compile_times.append(float(done.stdout))
+        seconds = min(compile_times)
         rows.append(Row(name, seconds, 1.0, note=f"at most {most:g} s", missed=seconds > most))
     return Bench("compiling the recommended filter", tuple(rows))
 
@@ -198,11 +198,11 @@ def _of_a_drive(seconds: float) -> Bench:
 
 def _compile(name: str) -> float:
     """Seconds until the first result."""
-    block, begun = _filter(), time.perf_counter()
+    block, start_s = _filter(), time.perf_counter()
     if name == "compiled on an empty cache":
-        made = compiled(block)
-        made.step(made.init(), EXAMPLE)
-        return time.perf_counter() - begun
+        compiled_block = compiled(block)
+        compiled_block.step(compiled_block.init(), EXAMPLE)
+        return time.perf_counter() - start_s
 
     def step(theta, belief, tick):
         trial = put(block, "disturbance_std", np.exp(theta[:2]))
@@ -217,7 +217,7 @@ def _compile(name: str) -> float:
         SLOTS(Slot(np.ones(n), np.zeros((n, 3)), np.zeros(n))),
     )
     kernel.cost_and_gradient(ticks, np.zeros(5))
-    return time.perf_counter() - begun
+    return time.perf_counter() - start_s
 
 
 if __name__ == "__main__":

@@ -39,13 +39,13 @@ def vehicle():
     return file.with_values({}, parameter_cov=ParameterCov(tuple(ERRORS), np.diag(sd**2)))
 
 
-def judged(file, gains, count, **options):
+def judge_gains(file, gains, count, **options):
     """Cost and distance beside the path, rms [mm], of each of `count` other vehicles."""
     drives = rehearse(file, ROUTE, draws=1, **options)
-    others = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
-    drives = replace(drives, vehicles=others)
+    vehicles = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
+    drives = replace(drives, vehicles=vehicles)
     leg = drives.legs[0]
-    far = [leg.shown.run(leg.inputs[0], np.concatenate([gains, v]), carry=leg.start)[1][0] for v in others]
+    far = [leg.shown.run(leg.inputs[0], np.concatenate([gains, v]), carry=leg.start)[1][0] for v in vehicles]
     return drives.of_vehicles(gains[None])[0], np.array([1e3 * rms(d) for d in far])
 
 
@@ -54,9 +54,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--smallest", action="store_true")
     parser.add_argument("--jerk", type=float, default=0.1, help="price of jerks; 0: the paper's cost")
-    asked = parser.parse_args()
-    smallest = asked.smallest
-    options = {"duration_s": 1.0 if smallest else DURATION_S, "aside_m": 0.0, "jerk_m2": asked.jerk}
+    args = parser.parse_args()
+    smallest = args.smallest
+    options = {"duration_s": 1.0 if smallest else DURATION_S, "aside_m": 0.0, "jerk_m2": args.jerk}
     draws, judges = (2, 3) if smallest else (DRAWS, JUDGES)
     file = vehicle()
     robust = tune(file, ROUTE, draws=draws, starts=STARTS, polish=False, **options)
@@ -67,13 +67,13 @@ def main():
     print(
         f"vehicles of the search, drives needed; {judges} other vehicles: cost [m²], distance [mm rms]; gains"
     )
-    for name, tuned, of in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
-        gains = np.array(list(tuned.values.values()))
-        cost, far = judged(file, gains, judges, **options)
+    for name, tuning, of in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
+        gains = np.array(list(tuning.values.values()))
+        cost, far = judge_gains(file, gains, judges, **options)
         each = ", ".join(f"{x:.3g}" for x in (*np.quantile(cost, [0.5, 0.95]), cost.max()))
         distances = ", ".join(f"{x:.1f}" for x in (*np.quantile(far, [0.5, 0.95]), far.max()))
-        needed = sum(len(d.costs) for d in tuned.descents) * of
-        print(f"  {name:10} {of:3} {needed:6}   {each}   {distances}   {tuned.values}", flush=True)
+        needed = sum(len(d.costs) for d in tuning.descents) * of
+        print(f"  {name:10} {of:3} {needed:6}   {each}   {distances}   {tuning.values}", flush=True)
 
 
 if __name__ == "__main__":

@@ -19,18 +19,18 @@ def benches(smallest: bool) -> list[Bench]:
 def vehicle_alone(u: np.ndarray) -> Bench:
     """The trajectory of the paper's model, every tick returned."""
     vehicle = paper.vehicle()
-    still = np.zeros(3)
+    zero = np.zeros(3)
 
     def step(state, uk):
-        state, motion = vehicle.step(state, uk, peers.DT, still)
+        state, motion = vehicle.step(state, uk, peers.DT, zero)
         return state, (motion.eta, motion.nu)
 
     kernels = {name: scan(step, vehicle.init(), u[0], backend=name) for name in ("auto", "python")}
     theta, m, I = peers.parameters()
     eta, nu = kernels["auto"].run(u)[1]
-    theirs = peers.simulate(u, theta, m, I)
-    np.testing.assert_allclose(nu, theirs[:, 3:], atol=1e-9)
-    np.testing.assert_allclose(eta[:, :2], theirs[:, :2], atol=1e-8)
+    reference = peers.simulate(u, theta, m, I)
+    np.testing.assert_allclose(nu, reference[:, 3:], atol=1e-9)
+    np.testing.assert_allclose(eta[:, :2], reference[:, :2], atol=1e-8)
     cases = [
         Case(f"scan, {kernels['auto'].backend}", lambda: kernels["auto"].run(u)),
         Case("scan, Python code (no compiler)", lambda: kernels["python"].run(u)),

@@ -18,18 +18,22 @@ def benches(smallest: bool) -> list[Bench]:
         "baqueano --help": ["-m", "baqueano", "--help"],
         "import numpy": ["-c", "import numpy"],
     }
-    taken = {name: [] for name in commands}
+    start_times = {name: [] for name in commands}
     for _ in range(1 if smallest else ROUNDS):
         for name, arguments in commands.items():
             run = [sys.executable, *arguments]
-            taken[name].append(timed(lambda run=run: subprocess.run(run, check=True, capture_output=True)))
-    medians = {name: median(times) for name, times in taken.items()}
+            start_times[name].append(
+                timed(lambda run=run: subprocess.run(run, check=True, capture_output=True))
+            )
+    medians = {name: median(times) for name, times in start_times.items()}
     bare = medians["bare Python"]
     rows = []
     for name, seconds in medians.items():
         over = 1e3 * (seconds - bare)
-        missed = name == "baqueano --help" and over > MOST_MS
-        limit = f" (at most {MOST_MS:g}{': missed' if missed else ''})" if name == "baqueano --help" else ""
+        is_missed = name == "baqueano --help" and over > MOST_MS
+        limit = (
+            f" (at most {MOST_MS:g}{': missed' if is_missed else ''})" if name == "baqueano --help" else ""
+        )
         note = "" if name == "bare Python" else f"{over:+.0f} ms over bare Python{limit}"
-        rows.append(Row(name, seconds, seconds / bare, note=note, missed=missed))
+        rows.append(Row(name, seconds, seconds / bare, note=note, missed=is_missed))
     return [Bench("start of the command line", tuple(rows))]

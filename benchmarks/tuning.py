@@ -29,40 +29,40 @@ def benches(smallest: bool) -> list[Bench]:
     file = load("case-study-1")
     rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
     low, high = rehearsal.space.low, rehearsal.space.high
-    fixed = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
-    found = ours(file, duration_s, fixed)
+    fixed_bounds = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
+    tuning = by_baqueano(file, duration_s, fixed_bounds)
     theta, m, I = peers.parameters()
-    weights, limit, ticks = found.weights, file.command.limit, round(duration_s * file.rate_hz)
+    weights, limit, ticks = tuning.weights, file.command.limit, round(duration_s * file.rate_hz)
 
     def numpy_cost(gains):
-        return peers.driven(gains, ROUTE.t_s, ROUTE.eta, limit, theta, m, I, ticks, *weights[:2])
+        return peers.drive_loop(gains, ROUTE.t_s, ROUTE.eta, limit, theta, m, I, ticks, *weights[:2])
 
     start = np.sqrt(np.maximum(low, 1e-3 * high) * high)
     np.testing.assert_allclose(numpy_cost(start), rehearsal.cost(start), rtol=1e-6)
     bounds = list(zip(low, high, strict=True))
     simplex = minimize(rehearsal.cost, start, method="Nelder-Mead", bounds=bounds)
-    evolved = evolution(rehearsal, bounds, EVOLVED * len(found.history) if not smallest else 100)
+    evolved = evolution(rehearsal, bounds, EVOLVED * len(tuning.history) if not smallest else 100)
     ours_s, one_s = interleaved(
         [
-            Case(NAMED, lambda: ours(file, duration_s, fixed), 1 if smallest else ROUNDS),
+            Case(NAMED, lambda: by_baqueano(file, duration_s, fixed_bounds), 1 if smallest else ROUNDS),
             Case("NumPy loop", lambda: numpy_cost(start), 1),
         ]
     )
-    named = "Nelder-Mead over a NumPy loop"
-    notes = {named: f"cost {simplex.fun:.5g}; {simplex.nfev} evaluations of {one_s:.2g} s, extrapolated"}
+    peer_name = "Nelder-Mead over a NumPy loop"
+    notes = {peer_name: f"cost {simplex.fun:.5g}; {simplex.nfev} evaluations of {one_s:.2g} s, extrapolated"}
     rows = (
         row(
             NAMED,
             ours_s,
             ours_s,
             {},
-            {NAMED: f"cost {found.cost:.5g} in {len(found.history)} evaluations"},
+            {NAMED: f"cost {tuning.cost:.5g} in {len(tuning.history)} evaluations"},
         ),
-        row(named, one_s * simplex.nfev, ours_s, {named: TARGET}, notes),
+        row(peer_name, one_s * simplex.nfev, ours_s, {peer_name: TARGET}, notes),
     )
-    worse = found.cost > evolved.fun * WORSE
-    told = f"differential evolution reaches {evolved.fun:.5g} in {evolved.nfev} evaluations"
-    quality = rows[0]._replace(note=f"{rows[0].note}; {told}", missed=bool(worse))
+    worse = tuning.cost > evolved.fun * WORSE
+    comparison = f"differential evolution reaches {evolved.fun:.5g} in {evolved.nfev} evaluations"
+    quality = rows[0]._replace(note=f"{rows[0].note}; {comparison}", missed=bool(worse))
     return [Bench(f"tuning of 3 gains over {duration_s:g} s", (quality, *rows[1:]))]
 
 
@@ -77,6 +77,6 @@ def evolution(rehearsal, bounds, evaluations):
     )  # fmt: skip
 
 
-def ours(file, duration_s, bounds=None):
+def by_baqueano(file, duration_s, bounds=None):
     """The gains of the least cost of the paper, within the bounds of the peers."""
     return tune(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0, bounds=bounds)

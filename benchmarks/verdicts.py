@@ -39,18 +39,25 @@ class JudgedDrive(NamedTuple):
 
 
 def logged(
-    kernel: object, made: matched.Drives, k: int, use: tuple[str, ...], ticks: int, truth: bool
+    kernel: object, simulated_drives: matched.Drives, k: int, use: tuple[str, ...], ticks: int, truth: bool
 ) -> Run:
     """Return the first `ticks` of drive `k` as a run with an estimate, and with its truth if asked for."""
-    said = limit.ticks_of(made, k, use)
-    eta, nu, cov, y, S = (np.asarray(one)[:ticks] for one in kernel.run(said)[1])  # type: ignore[attr-defined]
-    x, t_ns = made.x[:ticks, k], np.asarray(said.t_ns)[:ticks]
-    shown = x[:, matched.NU] * (1.0 + x[:, [8, 8, 9]])
-    log = TruthLog(t_ns, x[:, matched.POSE], shown, np.full_like(shown, np.nan)) if truth else None
-    return Run("drive", None, t_ns, made.u[:ticks], truth=log, estimate=EstimateLog(t_ns, eta, nu, cov, y, S))
+    ticks_of_run = limit.ticks_of(simulated_drives, k, use)
+    eta, nu, cov, y, S = (np.asarray(output)[:ticks] for output in kernel.run(ticks_of_run)[1])  # type: ignore[attr-defined]
+    x, t_ns = simulated_drives.x[:ticks, k], np.asarray(ticks_of_run.t_ns)[:ticks]
+    velocity = x[:, matched.NU] * (1.0 + x[:, [8, 8, 9]])
+    log = TruthLog(t_ns, x[:, matched.POSE], velocity, np.full_like(velocity, np.nan)) if truth else None
+    return Run(
+        "drive",
+        None,
+        t_ns,
+        simulated_drives.u[:ticks],
+        truth=log,
+        estimate=EstimateLog(t_ns, eta, nu, cov, y, S),
+    )
 
 
-def judged(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
+def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
     """Return the verdicts on drives with an IMU alone, and with both sensors."""
     out, rng = [], np.random.default_rng(0)
     for use in (limit.IMU_ALONE, limit.BOTH):
@@ -59,15 +66,19 @@ def judged(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[
         kernel, assumed = limit.kernel_of(block), limit.assumed_by(block, imu)
         for j, kappa in enumerate(RATIOS):
             n = max(drives // (2 * len(RATIOS)), 2)
-            scaled = matched.Assumed(*(one * np.sqrt(kappa) for one in assumed))._replace(
+            scaled_noise = matched.AssumedNoise(*(density * np.sqrt(kappa) for density in assumed))._replace(
                 fade_s=assumed.fade_s
             )
-            made = limit.simulated(scaled, n, longest_s, 10 * j + len(use))
+            simulated_drives = limit.simulated(scaled_noise, n, longest_s, 10 * j + len(use))
             for k in range(n):
                 ticks = round(rng.uniform(min(SHORTEST_S, 0.5 * longest_s), longest_s) / matched.DT)
-                found = filter_consistency(logged(kernel, made, k, use, ticks, k % 2 == 0))
-                bands = (found.nees_pose, found.nees_velocity) if k % 2 == 0 else (found.nis,)
-                out.append(JudgedDrive(float(kappa), found.verdict, max(band.samples for band in bands)))
+                consistency = filter_consistency(logged(kernel, simulated_drives, k, use, ticks, k % 2 == 0))
+                bands = (
+                    (consistency.nees_pose, consistency.nees_velocity) if k % 2 == 0 else (consistency.nis,)
+                )
+                out.append(
+                    JudgedDrive(float(kappa), consistency.verdict, max(band.samples for band in bands))
+                )
     return out
 
 
@@ -76,29 +87,29 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.verdicts", description=__doc__)
     parser.add_argument("--drives", type=int, default=720)
     parser.add_argument("--smallest", action="store_true", help="a size that shows in seconds that it runs")
-    asked = parser.parse_args()
-    size, all_met = (24, 4.0) if asked.smallest else (asked.drives, LONGEST_S), True
+    args = parser.parse_args()
+    size, all_met = (24, 4.0) if args.smallest else (args.drives, LONGEST_S), True
     for name, imu, odometer in (
         ("sensors exact", limit.EXACT, replace(limit.ODOMETER, scale_std=0.0)),
         ("with bias, scale", limit.IMU, limit.ODOMETER),
     ):
-        found = judged(imu, odometer, *size)
+        results = judge_filters(imu, odometer, *size)
         for kappa in dict.fromkeys(RATIOS):
-            words = Counter(one.verdict for one in found if one.kappa == kappa)
+            words = Counter(result.verdict for result in results if result.kappa == kappa)
             print(
                 f"{name}, variances × {kappa:<5g} {', '.join(f'{word}: {n}' for word, n in words.most_common())}"
             )
-        wrong = np.mean([not RIGHT.get(one.verdict, lambda k: True)(one.kappa) for one in found])
-        could = [one.verdict != "cannot tell" for one in found if one.samples >= ENOUGH]
+        wrong = np.mean([not RIGHT.get(result.verdict, lambda k: True)(result.kappa) for result in results])
+        could = [result.verdict != "cannot tell" for result in results if result.samples >= ENOUGH]
         speaks = float(np.mean(could)) if could else 1.0
         met = bool(wrong <= WRONG and speaks >= SPEAKS)
         print(
-            f"{name}, {len(found)} drives: wrong in {wrong:.1%} (at most {WRONG:.0%}); speaks in {speaks:.1%} of "
+            f"{name}, {len(results)} drives: wrong in {wrong:.1%} (at most {WRONG:.0%}); speaks in {speaks:.1%} of "
             f"{len(could)} with {ENOUGH:g} independent samples (at least {SPEAKS:.0%}): {'MET' if met else 'MISSED'}",
             flush=True,
         )
         all_met = all_met and met
-    return int(not (all_met or asked.smallest))
+    return int(not (all_met or args.smallest))
 
 
 if __name__ == "__main__":

@@ -67,16 +67,18 @@ def pins(header: str) -> Pins:
     """The table of board.h; ValueError where it cannot be read."""
     rows = {}
     for name in ("PWM / enable", "direction 1, 2", "encoder A, B"):
-        rows[name] = re.findall(r"\b[AD]\d+", _found(re.escape(name) + r"(.*)", header))
+        rows[name] = re.findall(r"\b[AD]\d+", _first_match(re.escape(name) + r"(.*)", header))
     single = (r"TB6612 (A\d)", r"divider (A\d)", r"lap mark (D\d+)", r"lamp (D\d+)")
-    return Pins(*(tuple(row) for row in rows.values()), *(_found(one, header) for one in single))
+    return Pins(
+        *(tuple(row) for row in rows.values()), *(_first_match(pattern, header) for pattern in single)
+    )
 
 
-def _found(pattern: str, text: str) -> str:
-    found = re.search(pattern, text)
-    if found is None:
+def _first_match(pattern: str, text: str) -> str:
+    match = re.search(pattern, text)
+    if match is None:
         raise ValueError(f"firmware/uno/board.h: its table of pins has nothing like {pattern!r}")
-    return found[1]
+    return match[1]
 
 
 UNO_LEFT, UNO_RIGHT = 640.0, 820.0
@@ -100,7 +102,7 @@ def drawing(p: Pins, bridge: Bridge) -> str:
     s = Sheet()
     title = f"Wiring with an {bridge.title}" if bridge.title[0] == "L" else f"Wiring with a {bridge.title}"
     s.text(40, 40, title, 22, "start", font_weight="bold")
-    used = {
+    pins_used = {
         *p.pwm,
         *p.direction,
         *p.encoder,
@@ -109,7 +111,7 @@ def drawing(p: Pins, bridge: Bridge) -> str:
         p.lamp,
         *([p.standby] if bridge.standby else []),
     }
-    uno(s, used | {"GND", "5V"}, p)
+    uno(s, pins_used | {"GND", "5V"}, p)
     computer(s)
     supply(s, p, bridge)
     the_bridge(s, p, bridge)
@@ -118,7 +120,7 @@ def drawing(p: Pins, bridge: Bridge) -> str:
     return s.svg(title)
 
 
-def uno(s: Sheet, used: set[str], p: Pins) -> None:
+def uno(s: Sheet, pins_used: set[str], p: Pins) -> None:
     """Pins that are not used are grey."""
     s.box(UNO_LEFT, 90, UNO_RIGHT - UNO_LEFT, 400, "#d9eef2")
     s.box(700, 78, 60, 40, "#c9c9c9")
@@ -132,9 +134,9 @@ def uno(s: Sheet, used: set[str], p: Pins) -> None:
         for row, name in enumerate(names):
             if name:
                 s.pin(x, top + 24 * row)
-                said = f"lamp {name}" if name == p.lamp else name
-                fill = "#000" if name in used else "#999"
-                s.text(x + shift, top + 24 * row + 4.5, said, 13, anchor, fill=fill)
+                label = f"lamp {name}" if name == p.lamp else name
+                fill = "#000" if name in pins_used else "#999"
+                s.text(x + shift, top + 24 * row + 4.5, label, 13, anchor, fill=fill)
 
 
 def computer(s: Sheet) -> None:
@@ -155,14 +157,14 @@ def computer(s: Sheet) -> None:
     s.text(170, 511, "stay free", 11)
     rows = (("three", "1", "3V3", "VCC", "3.3 V"), ("i2c", "3", "SDA", "SDA", "SDA"),
             ("i2c", "5", "SCL", "SCL", "SCL"), ("ground", "6", "GND", "GND", "GND"))  # fmt: skip
-    for place, (kind, number, name, other, said) in enumerate(rows):
+    for place, (kind, number, name, imu_pin, label) in enumerate(rows):
         x = 84.0 + 57.0 * place
-        s.wire(kind, (f"Pi {number}", f"IMU {other}"), [(x, 270), (x, 430)], (x, 350), said, upright=True)
+        s.wire(kind, (f"Pi {number}", f"IMU {imu_pin}"), [(x, 270), (x, 430)], (x, 350), label, upright=True)
         s.pin(x, 270)
         s.pin(x, 430)
         s.text(x, 246, number, 13, font_weight="bold")
         s.text(x, 261, name, 12)
-        s.text(x, 450, other, 12)
+        s.text(x, 450, imu_pin, 12)
 
 
 def supply(s: Sheet, p: Pins, bridge: Bridge) -> None:
@@ -200,9 +202,9 @@ def supply(s: Sheet, p: Pins, bridge: Bridge) -> None:
     s.resistor(510, (y + ground) / 2, "10 kΩ", upright=True)
     s.dot(510, y)
     s.dot(510, ground)
-    for x, y, said in ((260, 660, "IN−"), (260, 720, "IN+"), (190, 900, "+"), (190, 950, "−")):
+    for x, y, label in ((260, 660, "IN−"), (260, 720, "IN+"), (190, 900, "+"), (190, 950, "−")):
         s.pin(x, y)
-        s.text(x - 8, y + 4.5, said, 12, "end")
+        s.text(x - 8, y + 4.5, label, 12, "end")
     s.pin(60, 690)
     s.text(68, 694.5, "OUT", 12, "start")
     strips(s, bridge)
@@ -244,8 +246,8 @@ def the_bridge(s: Sheet, p: Pins, bridge: Bridge) -> None:
     ):
         if name:
             path = [(UNO_LEFT, left_y(pin)), (x, left_y(pin)), (x, BRIDGE_TOP)]
-            said = f"{pin} to {name}"
-            s.wire(kind, (f"Uno {pin}", f"bridge {name}"), path, (x, 570), said, upright=True)
+            label = f"{pin} to {name}"
+            s.wire(kind, (f"Uno {pin}", f"bridge {name}"), path, (x, 570), label, upright=True)
             bridge_pin(s, x, name)
     if bridge.standby:
         pull_down(s, "standby", p.standby, 612, 618, 700)
@@ -324,8 +326,8 @@ def sensors(s: Sheet, p: Pins) -> None:
         y = top + 24
         for pin, name, lane in signals:
             path = [(UNO_RIGHT, right_y(pin)), (lane, right_y(pin)), (lane, y), (SENSORS_X, y)]
-            where = f"{title.lower()} {name}"
-            s.wire(kind, (f"Uno {pin}", where), path, (1086, y), pin)
+            place = f"{title.lower()} {name}"
+            s.wire(kind, (f"Uno {pin}", place), path, (1086, y), pin)
             s.pin(SENSORS_X, y)
             s.text(SENSORS_X + 10, y + 4.5, name, 13, "start")
             y += 26
@@ -346,8 +348,8 @@ def sensors(s: Sheet, p: Pins) -> None:
 def legend(s: Sheet, bridge: Bridge) -> None:
     """Wires on the left, what must not be forgotten on the right."""
     s.parts.append('<rect x="590" y="822" width="790" height="176" rx="7" fill="#fafafa" stroke="#999"/>')
-    shown = [k for k in KINDS if k != "standby" or bridge.standby]
-    for row, name in enumerate(shown):
+    kinds = [k for k in KINDS if k != "standby" or bridge.standby]
+    for row, name in enumerate(kinds):
         k, y = KINDS[name], 835 + 12.6 * row
         dashes = f' stroke-dasharray="{k.dashes}"' if k.dashes else ""
         s.parts.append(
@@ -369,9 +371,9 @@ def legend(s: Sheet, bridge: Bridge) -> None:
 
 def main() -> None:
     """Writes both."""
-    found = pins((ROOT / "firmware/uno/board.h").read_text(encoding="utf-8"))
+    pins_of = pins((ROOT / "firmware/uno/board.h").read_text(encoding="utf-8"))
     for bridge in BRIDGES:
-        (ROOT / "docs" / bridge.file).write_text(drawing(found, bridge), encoding="utf-8")
+        (ROOT / "docs" / bridge.file).write_text(drawing(pins_of, bridge), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -47,12 +47,12 @@ class Sheet:
         self.names: list[str] = []
 
     def text(
-        self, x: float, y: float, said: str, size: float = 13, anchor: str = "middle", **more: str
+        self, x: float, y: float, label: str, size: float = 13, anchor: str = "middle", **more: str
     ) -> None:
         """A line of text; y is its base line."""
-        told = "".join(f' {key.replace("_", "-")}="{value}"' for key, value in more.items())
+        attributes = "".join(f' {key.replace("_", "-")}="{value}"' for key, value in more.items())
         self.names.append(
-            f'<text x="{x:g}" y="{y:g}" font-size="{size:g}" text-anchor="{anchor}"{told}>{escape(said)}</text>'
+            f'<text x="{x:g}" y="{y:g}" font-size="{size:g}" text-anchor="{anchor}"{attributes}>{escape(label)}</text>'
         )
 
     def box(self, x: float, y: float, w: float, h: float, fill: str, optional: bool = False) -> None:
@@ -63,9 +63,9 @@ class Sheet:
             f'stroke="#333" stroke-width="1.8"{dashes}/>'
         )
 
-    def wire(self, kind: str, ends: tuple[str, str], points: list[Point], at: Point | None = None, said: str = "",
+    def wire(self, kind: str, ends: tuple[str, str], points: list[Point], at: Point | None = None, label: str = "",
              upright: bool = False) -> None:  # fmt: skip
-        """A wire along `points`, named `said` at the point `at`."""
+        """A wire along `points`, named `label` at the point `at`."""
         k = KINDS[kind]
         path = "M" + " L".join(f"{x:g} {y:g}" for x, y in points)
         dashes = f' stroke-dasharray="{k.dashes}"' if k.dashes else ""
@@ -75,16 +75,16 @@ class Sheet:
             f'd="{path}" stroke="{k.colour}" stroke-width="{k.width:g}"{dashes}/>',
         ]
         if at is not None:
-            self.name(at, said, k.colour, upright)
+            self.name(at, label, k.colour, upright)
 
-    def name(self, at: Point, said: str, colour: str, upright: bool = False) -> None:
+    def name(self, at: Point, label: str, colour: str, upright: bool = False) -> None:
         """The name of a wire, written across it."""
-        (x, y), half = at, 4 + 3.7 * len(said)
-        turned = f' transform="rotate(-90 {x:g} {y:g})"' if upright else ""
+        (x, y), half = at, 4 + 3.7 * len(label)
+        rotation = f' transform="rotate(-90 {x:g} {y:g})"' if upright else ""
         self.names.append(
-            f'<g{turned}><rect x="{x - half:g}" y="{y - 9:g}" width="{2 * half:g}" height="18" rx="4" fill="#fff" '
+            f'<g{rotation}><rect x="{x - half:g}" y="{y - 9:g}" width="{2 * half:g}" height="18" rx="4" fill="#fff" '
             f'stroke="{colour}"/><text x="{x:g}" y="{y + 4.2:g}" font-size="12" text-anchor="middle">'
-            f"{escape(said)}</text></g>"
+            f"{escape(label)}</text></g>"
         )
 
     def dot(self, x: float, y: float) -> None:
@@ -97,15 +97,15 @@ class Sheet:
             f'<circle cx="{x:g}" cy="{y:g}" r="4" fill="#fff" stroke="#333" stroke-width="1.6"/>'
         )
 
-    def resistor(self, x: float, y: float, said: str, upright: bool = False) -> None:
+    def resistor(self, x: float, y: float, label: str, upright: bool = False) -> None:
         """A resistor around a point of a wire."""
         w, h = (20, 58) if upright else (58, 20)
-        turned = {"transform": f"rotate(-90 {x:g} {y:g})"} if upright else {}
+        rotation = {"transform": f"rotate(-90 {x:g} {y:g})"} if upright else {}
         self.parts.append(
             f'<rect x="{x - w / 2:g}" y="{y - h / 2:g}" width="{w}" height="{h}" fill="#f3e3bd" stroke="#333" '
             'stroke-width="1.6"/>'
         )
-        self.text(x, y + 4.5, said, 12, **turned)
+        self.text(x, y + 4.5, label, 12, **rotation)
 
     def capacitor(self, x: float, y: float, upright: bool) -> None:
         """Two plates around a point of a wire."""

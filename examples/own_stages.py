@@ -33,13 +33,13 @@ def by_scipy(evaluate, theta, low, high, *, fixed, tolerance, most, damping):
         return np.clip(full, low, high)
 
     def cost_and_gradient(x):
-        here = evaluate(at(x))
-        return here.cost, here.gradient[moving] * unit[moving]
+        evaluation = evaluate(at(x))
+        return evaluation.cost, evaluation.gradient[moving] * unit[moving]
 
     bounds = [(a / u, b / u) for a, b, u, m in zip(low, high, unit, moving, strict=True) if m]
-    found = minimize(
+    solution = minimize(
         cost_and_gradient, theta[moving] / unit[moving], jac=True, bounds=bounds, method="L-BFGS-B",
         options={"ftol": 1e-12, "maxiter": 500},
     )  # fmt: skip
-    end = at(found.x)
-    return solution_at(end, evaluate(end), low, high, converged=found.success, evaluations=found.nfev)
+    end = at(solution.x)
+    return solution_at(end, evaluate(end), low, high, converged=solution.success, evaluations=solution.nfev)

@@ -40,7 +40,7 @@ def places(language: str) -> tuple[Path, Path]:
     return folder / f"{DOMAIN}.po", folder / f"{DOMAIN}.mo"
 
 
-def wanted() -> Catalog:
+def required_catalogue() -> Catalog:
     """Return all that is to be translated."""
     catalogue = Catalog(
         project="baqueano", charset="utf-8", copyright_holder="The baqueano developers", fuzzy=False
@@ -73,15 +73,15 @@ def words_in(path: Path) -> Iterator[str]:
             words += [
                 key.value for key in node.keywords if node.func.id == "parameter" and key.arg in OF_PARAMETERS
             ]
-            for one in (text for word in words for text in getattr(word, "elts", [word])):
-                if isinstance(one, ast.Constant) and one.value:
-                    yield from filled(one.value)
+            for element in (text for word in words for text in getattr(word, "elts", [word])):
+                if isinstance(element, ast.Constant) and element.value:
+                    yield from words_in_braces(element.value)
 
 
-def filled(words: str) -> list[str]:
+def words_in_braces(words: str) -> list[str]:
     """Return words of a parameter for each of its entries: `{nth}` and `{axis}` stand for their names.
 
-    >>> filled("the {nth} motor")
+    >>> words_in_braces("the {nth} motor")
     ['the first motor', 'the second motor']
     """
     names = {"{nth}": ORDINALS[:2], "{axis}": AXES}
@@ -102,7 +102,7 @@ def help_of(command: click.Command) -> Iterator[str]:
         yield from help_of(verb)
 
 
-def read(language: str) -> Catalog:
+def read_catalogue(language: str) -> Catalog:
     """Return the catalogue of a language as it stands in its file."""
     path, _ = places(language)
     if not path.exists():
@@ -119,9 +119,9 @@ def compiled(catalogue: Catalog) -> bytes:
 
 def update(language: str) -> Catalog:
     """Write the catalogue of a language anew, with all that is to be translated now."""
-    catalogue = read(language)
+    catalogue = read_catalogue(language)
     created = catalogue.creation_date  # a file whose entries are the same stays the same, byte by byte
-    catalogue.update(wanted(), no_fuzzy_matching=False, update_header_comment=False)
+    catalogue.update(required_catalogue(), no_fuzzy_matching=False, update_header_comment=False)
     catalogue.creation_date = created
     catalogue.obsolete.clear()
     po, mo = places(language)
@@ -135,30 +135,30 @@ def update(language: str) -> Catalog:
 
 def faults(catalogue: Catalog) -> list[str]:
     """Return what is missing, fuzzy, or has other placeholders than the English."""
-    found = []
-    for message in wanted():
+    failures = []
+    for message in required_catalogue():
         if not message.id:
             continue
         entry = catalogue.get(message.id, message.context)
         name = f"{message.context or ''} {message.id!r}".strip()
         if entry is None or not all(entry.string if isinstance(entry.string, tuple) else (entry.string,)):
-            found.append(f"missing: {name}")
+            failures.append(f"missing: {name}")
         elif entry.fuzzy:
-            found.append(f"fuzzy: {name}")
-        elif (broken := differs(message.id, entry.string)) is not None:
-            found.append(f"placeholders: {name}: {broken}")
-    return found
+            failures.append(f"fuzzy: {name}")
+        elif (difference := differs(message.id, entry.string)) is not None:
+            failures.append(f"placeholders: {name}: {difference}")
+    return failures
 
 
-def differs(english: str | tuple[str, ...], other: str | tuple[str, ...]) -> str | None:
+def differs(english: str | tuple[str, ...], translation: str | tuple[str, ...]) -> str | None:
     """Return the placeholders, or the code, of both where they are not the same; None where they are."""
     if isinstance(english, tuple):
-        pairs = zip(english, other, strict=True)
-        return next((broken for pair in pairs if (broken := differs(*pair)) is not None), None)
-    for held in (fields, code):
-        ours, theirs = held(english), held(other)
-        if ours != theirs:
-            return f"{sorted(ours)} and {sorted(theirs)}"
+        pairs = zip(english, translation, strict=True)
+        return next((difference for pair in pairs if (difference := differs(*pair)) is not None), None)
+    for fields_of in (fields, code):
+        source_fields, translated_fields = fields_of(english), fields_of(translation)
+        if source_fields != translated_fields:
+            return f"{sorted(source_fields)} and {sorted(translated_fields)}"
     return None
 
 
@@ -178,16 +178,16 @@ def fields(template: str) -> set[str]:
     ['arg[use]', 'sensor', 'x']
     """
     try:
-        parsed = list(Formatter().parse(template))
+        fields_of_template = list(Formatter().parse(template))
     except ValueError:
         return set()
-    names = {name for _, name, _, _ in parsed if name is not None}
-    return names.union(*(fields(spec) for _, _, spec, _ in parsed if spec))
+    names = {name for _, name, _, _ in fields_of_template if name is not None}
+    return names.union(*(fields(spec) for _, _, spec, _ in fields_of_template if spec))
 
 
 if __name__ == "__main__":
-    for one in LANGUAGES:
-        if one != "en":
-            faulty = faults(update(one))
-            print(f"{places(one)[0]}: {len(faulty)} to do", *faulty, sep="\n  ")
+    for language in LANGUAGES:
+        if language != "en":
+            faulty = faults(update(language))
+            print(f"{places(language)[0]}: {len(faulty)} to do", *faulty, sep="\n  ")
             sys.exit(bool(faulty))

@@ -15,10 +15,10 @@ def of_code(code: str, **figures: Any) -> Callable[[Any], bool]:
     return lambda error: error.diagnostic.code == code and figures.items() <= error.diagnostic.figures.items()
 
 
-def within(why: Diagnostic) -> Iterator[Diagnostic]:
+def within(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
     """A diagnostic, and its causes."""
-    yield why
-    for figure in why.figures.values():
+    yield diagnostic
+    for figure in diagnostic.figures.values():
         if isinstance(figure, Diagnostic):
             yield from within(figure)
 
@@ -28,9 +28,9 @@ def refused(
     code: str, kind: type[Exception] = DiagnosticError, /, **figures: object
 ) -> Iterator[pytest.ExceptionInfo[Exception]]:
     """What is done raises an error of this kind, code and figures, or one that has it for a cause."""
-    with pytest.raises(kind) as caught:
-        yield caught
-    assert isinstance(caught.value, DiagnosticError), str(caught.value)
-    causes = {cause.code: cause for cause in within(caught.value.diagnostic)}
-    assert code in causes, str(caught.value)
+    with pytest.raises(kind) as error_info:
+        yield error_info
+    assert isinstance(error_info.value, DiagnosticError), str(error_info.value)
+    causes = {cause.code: cause for cause in within(error_info.value.diagnostic)}
+    assert code in causes, str(error_info.value)
     assert {name: causes[code].figures[name] for name in figures} == figures

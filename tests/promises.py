@@ -124,13 +124,13 @@ def promises() -> dict[str, str]:
 
 def keepers() -> dict[str, list[str]]:
     """Return the tests, as file::function, that name each promise."""
-    found: dict[str, list[str]] = {}
+    tests: dict[str, list[str]] = {}
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         for name, numbers in TEST.findall(path.read_text(encoding="utf-8")):
             for room, k in re.findall(r"([a-z]+)(\d+)_", numbers):
                 number = f"R{k}" if room == "r" else f"{room.upper()}-{k}"
-                found.setdefault(number, []).append(f"{path.relative_to(ROOT).as_posix()}::{name}")
-    return found
+                tests.setdefault(number, []).append(f"{path.relative_to(ROOT).as_posix()}::{name}")
+    return tests
 
 
 class Ends:
@@ -152,18 +152,20 @@ def main(arguments: list[str]) -> int:
     """Run the tests that name a promise, with options for pytest, and print the table; 1 where one is not kept."""
     by_number, ends = keepers(), Ends()
     tests = sorted({test for several in by_number.values() for test in several})
-    failed = pytest.main(["-q", "-p", "no:randomly", *arguments, *tests], plugins=[ends])
+    exit_code = pytest.main(["-q", "-p", "no:randomly", *arguments, *tests], plugins=[ends])
     counts = dict.fromkeys(reversed(RESULTS), 0)
     for number, words in promises().items():
-        found = {test: ends.of.get(test, "not run") for test in by_number.get(number, [])} or {"–": "no test"}
-        counts[max(found.values(), key=RESULTS.index)] += 1
+        results = {test: ends.of.get(test, "not run") for test in by_number.get(number, [])} or {
+            "–": "no test"
+        }
+        counts[max(results.values(), key=RESULTS.index)] += 1
         if number not in by_number:
-            found = {WHY_NOT.get(number, "–"): "no test"}
+            results = {WHY_NOT.get(number, "–"): "no test"}
         print(f"\n{number:<6}{textwrap.shorten(words, 100, placeholder=' …')}")
-        for test, end in found.items():
+        for test, end in results.items():
             print(f"{'':6}{end:<10}{test.removeprefix('tests/')}")
     print(f"\n{sum(counts.values())} promises: " + ", ".join(f"{n} {end}" for end, n in counts.items()))
-    return int(failed)
+    return int(exit_code)
 
 
 if __name__ == "__main__":

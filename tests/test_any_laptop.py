@@ -66,9 +66,9 @@ def laptop(tmp_path: Path):
             capture_output=True,
             check=False,
         )
-        said = done.stderr.decode("cp1252")
-        assert done.returncode == code, said[-3000:]
-        assert "Traceback" not in said
+        errors = done.stderr.decode("cp1252")
+        assert done.returncode == code, errors[-3000:]
+        assert "Traceback" not in errors
         return done
 
     run.home, run.running = home, running  # type: ignore[attr-defined]
@@ -78,14 +78,14 @@ def laptop(tmp_path: Path):
 def test_the_modules_are_really_gone(laptop):
     code = "import importlib.util, os, sys; print([m for m in sys.modules if sys.modules[m] is None])"
     site = laptop.home.parent / "site"
-    shown = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code],
         env={"PYTHONPATH": str(site)},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert "fcntl" in shown.stdout
+    assert "fcntl" in process.stdout
 
 
 def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
@@ -103,10 +103,10 @@ def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
         reply("teach", "ñandú", "--driver", "circle", "--size", "0.3", "--speed", "0.4")["rows"][0]["poses"]
         > 50
     )
-    driven = reply("repeat", "ñandú")["rows"][0]
-    assert driven["across_true_rms_m"] < 0.1
-    first, again = reply("replay", "last")["rows"]
-    assert again["ate_m"] == first["ate_m"], "replay on the same back end is exact"
+    repetition = reply("repeat", "ñandú")["rows"][0]
+    assert repetition["across_true_rms_m"] < 0.1
+    first, second = reply("replay", "last")["rows"]
+    assert second["ate_m"] == first["ate_m"], "replay on the same back end is exact"
     laptop("report", "last", "-o", "página.html")
     assert "página" in next(laptop.home.glob("*.html")).name
     assert b"backend python" in laptop("runs", "show", "last").stdout
@@ -157,9 +157,9 @@ def test_lg11_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):
 
 def test_errors_are_one_paragraph_on_such_a_laptop(laptop):
     done = laptop("identify", "no existe.mcap", "--vehicle", "small", code=3)
-    said = done.stderr.decode("cp1252").strip()
-    assert "no existe.mcap" in said
-    assert "\n\n" not in said
+    errors = done.stderr.decode("cp1252").strip()
+    assert "no existe.mcap" in errors
+    assert "\n\n" not in errors
 
 
 @pytest.mark.parametrize(
@@ -207,7 +207,7 @@ def test_a_file_of_ours_says_its_encoding_and_does_not_name_posix_modules_at_imp
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in tree.body:
-            names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
             posix = {name.split(".")[0] for name in names} & {*MISSING, "pty", "tty", "syslog"}
             assert not posix or "robot" in path.parts or "by_hand" in path.parts, f"{path}: {posix}"
@@ -224,7 +224,9 @@ def reads_text(call: ast.Call) -> bool:
     plain = isinstance(call.func, ast.Name) and call.func.id == "open"
     if plain or (name == "open" and ast.unparse(call.func) != "tarfile.open"):
         modes = [
-            one.value for one in call.args if isinstance(one, ast.Constant) and isinstance(one.value, str)
+            argument.value
+            for argument in call.args
+            if isinstance(argument, ast.Constant) and isinstance(argument.value, str)
         ]
         modes += [key.value.value for key in call.keywords if key.arg == "mode"]  # type: ignore[attr-defined]
         return bool(modes) and all(set(mode) <= set("rwxat+") for mode in modes[-1:])
@@ -246,21 +248,25 @@ def test_the_public_service_tests_three_systems_and_both_ends_of_python():
     fast = file["jobs"]["fast"]
     assert set(fast["strategy"]["matrix"]["os"]) == {"ubuntu-latest", "windows-latest", "macos-latest"}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    ours = [one.rpartition(":: ")[2] for one in project["classifiers"] if "Python :: 3." in one]
-    ends = [ours[0], ours[-1]]
+    versions = [
+        classifier.rpartition(":: ")[2]
+        for classifier in project["classifiers"]
+        if "Python :: 3." in classifier
+    ]
+    ends = [versions[0], versions[-1]]
     assert all(job["strategy"]["matrix"]["python"] == ends for job in (fast, file["jobs"]["all"]))
 
 
 def test_each_line_of_the_public_service_is_one_of_this_repository():
     file = workflow()
-    made = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     for job in file["jobs"].values():
         assert int(job["timeout-minutes"]) <= 120
         for step in job["steps"]:
             line = step.get("run", "")
             assert bool(line) != ("uses" in step)
-            assert not line.startswith("make ") or line.split()[-1] in made
-            for named in re.findall(r"(?:tests|requirements)/[\w.]+", line):
-                assert (ROOT / named).exists(), named
-            for marked in re.findall(r'-m "(.*?)"', line):
-                assert marked == "not slow"
+            assert not line.startswith("make ") or line.split()[-1] in targets
+            for path in re.findall(r"(?:tests|requirements)/[\w.]+", line):
+                assert (ROOT / path).exists(), path
+            for marks in re.findall(r'-m "(.*?)"', line):
+                assert marks == "not slow"

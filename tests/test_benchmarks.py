@@ -38,7 +38,7 @@ def with_function(name: str) -> list[str]:
 
 
 @cache
-def ended(*words: str) -> tuple[str, str]:
+def run_module(*words: str) -> tuple[str, str]:
     """Return what a command printed at the smallest size, and its messages."""
     done = subprocess.run(
         [sys.executable, "-m", *words, "--smallest"], cwd=ROOT, capture_output=True, text=True,
@@ -48,14 +48,14 @@ def ended(*words: str) -> tuple[str, str]:
     return done.stdout, done.stderr
 
 
-def refused(number: str) -> float:
+def refuse_constant(number: str) -> float:
     raise AssertionError(f"a row holds {number}")
 
 
 @pytest.mark.parametrize("name", with_function("benches"))
 def test_a_benchmark_ends_well_and_each_of_its_rows_holds_finite_numbers(name):
-    printed, tables = ended("benchmarks", name, "--json")
-    rows = json.loads(printed, parse_constant=refused)["rows"]
+    printed, tables = run_module("benchmarks", name, "--json")
+    rows = json.loads(printed, parse_constant=refuse_constant)["rows"]
     assert rows or "left out. Type: " in tables
     for row in rows:
         assert any(isinstance(value, float) for value in row.values()), row
@@ -63,14 +63,14 @@ def test_a_benchmark_ends_well_and_each_of_its_rows_holds_finite_numbers(name):
 
 @pytest.mark.parametrize("name", with_function("benches"))
 def test_nothing_of_a_benchmark_is_left_out(name):
-    _, tables = ended("benchmarks", name, "--json")
+    _, tables = run_module("benchmarks", name, "--json")
     if left_out := [line for line in tables.splitlines() if "left out. Type: " in line]:
         pytest.skip("; ".join(left_out))
 
 
 @pytest.mark.parametrize("name", with_function("main"))
 def test_a_table_is_printed_to_its_end_in_finite_numbers(name):
-    printed, _ = ended(f"benchmarks.{name}")
+    printed, _ = run_module(f"benchmarks.{name}")
     assert re.search(r"\d", printed)
     assert not re.search(r"\b(nan|inf)", printed), printed
 
@@ -79,5 +79,7 @@ def test_each_module_is_a_benchmark_of_a_command_or_is_imported_by_one():
     assert sorted(BENCHES) == with_function("benches")
     texts = {name: ast.unparse(tree) for name, tree in TREES.items()}
     for name in set(TREES) - set(with_function("benches")) - set(with_function("main")):
-        imported = re.compile(rf"from benchmarks import .*\b{name}\b|from benchmarks\.{name} import")
-        assert any(imported.search(text) for text in texts.values()), f"nobody runs benchmarks/{name}.py"
+        import_pattern = re.compile(rf"from benchmarks import .*\b{name}\b|from benchmarks\.{name} import")
+        assert any(import_pattern.search(text) for text in texts.values()), (
+            f"nobody runs benchmarks/{name}.py"
+        )

@@ -39,7 +39,7 @@ class FakeTime:
 
 
 @pytest.mark.parametrize(
-    ("work_ms", "ticks_ms", "missed"),
+    ("work_ms", "ticks_ms", "misses"),
     [
         ([1, 9, 10, 1], [10, 20, 30, 40], 0),
         (
@@ -51,27 +51,27 @@ class FakeTime:
         ([300, 1, 1, 1], [10, 310, 320, 330], 29),
     ],
 )
-def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, missed):
-    fake, seen = FakeTime(), []
+def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, misses):
+    fake, tick_times = FakeTime(), []
     wall = clock.Wall(100.0, None, now_ns=fake.now, sleep=fake.sleep)
     for t_ns, work in zip(wall, work_ms, strict=False):
-        seen.append((t_ns - 1_000) / 1e6)
+        tick_times.append((t_ns - 1_000) / 1e6)
         fake.ns += round(work * 1e6)
-        if len(seen) == len(work_ms):
+        if len(tick_times) == len(work_ms):
             break
-    assert seen == ticks_ms
-    assert wall.missed == missed
+    assert tick_times == ticks_ms
+    assert wall.missed == misses
 
 
 def test_the_real_wall_keeps_its_rate():
-    wall, begun = clock.wall(200.0, 0.05), time.monotonic_ns()
+    wall, start_ns = clock.wall(200.0, 0.05), time.monotonic_ns()
     times = list(wall)
-    took = time.monotonic_ns() - begun  # on a busy machine longer, by ticks that are missed
+    took = time.monotonic_ns() - start_ns  # on a busy machine longer, by ticks that are missed
     assert 10 <= len(times) + wall.missed <= took / 5e6 + 1
     assert all(step % 5_000_000 == 0 and step > 0 for step in np.diff(times))
 
 
 def test_rt11_the_wall_is_the_clock_that_nobody_sets():
-    before, seen, after = time.monotonic_ns(), clock.wall(100.0).now_ns(), time.monotonic_ns()
-    assert before <= seen <= after
+    before, now, after = time.monotonic_ns(), clock.wall(100.0).now_ns(), time.monotonic_ns()
+    assert before <= now <= after
     assert not time.get_clock_info("monotonic").adjustable

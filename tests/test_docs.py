@@ -38,9 +38,9 @@ def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monke
         .replace("laps=3", "laps=1")
     )
     exec(compile(lines, "README.md", "exec"), {})
-    said = capsys.readouterr().out
-    assert "friction.linear[0]" in said
-    assert "across the path" in said
+    printed = capsys.readouterr().out
+    assert "friction.linear[0]" in printed
+    assert "across the path" in printed
 
 
 def code_of(page):
@@ -58,9 +58,9 @@ def test_the_page_on_python_runs_from_its_first_line_to_its_last(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     page = "docs/python.md"
     exec(compile("\n".join(code_of(page)), page, "exec"), {"__name__": "page"})
-    said = capsys.readouterr().out
-    assert "USABLE" in said
-    assert "dead reckoning, " in said
+    printed = capsys.readouterr().out
+    assert "USABLE" in printed
+    assert "dead reckoning, " in printed
     assert {"errors.pdf", "fit.html", "figures"} <= {path.name for path in tmp_path.iterdir()}
 
 
@@ -89,8 +89,8 @@ def test_the_page_on_python_names_every_name_and_every_drawing(page):
 
 def options_of(command):
     """All options of a verb and of the verbs below it."""
-    own = {said for one in command.params for said in (*one.opts, *one.secondary_opts)}
-    return own.union(*(options_of(one) for one in getattr(command, "commands", {}).values()))
+    own = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
+    return own.union(*(options_of(subcommand) for subcommand in getattr(command, "commands", {}).values()))
 
 
 PAGES = (
@@ -126,15 +126,17 @@ PAGES = (
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_names_only_verbs_and_options_that_exist(page):
     verbs = {name: command_of(name) for name in VERBS}
-    known = options_of(baqueano).union(*map(options_of, verbs.values()))
+    options = options_of(baqueano).union(*map(options_of, verbs.values()))
     text = (ROOT / page).read_text(encoding="utf-8")
-    assert {said for said in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text) if said not in known} == set()
+    assert {
+        option for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text) if option not in options
+    } == set()
     lines = re.findall(r"(?:`|^)baqueano ([a-z][^`\n]*)", text, re.MULTILINE)
     for verb, *rest in map(str.split, lines):
         assert verb in verbs, f"{page}: there is no baqueano {verb}"
         below = set(getattr(verbs[verb], "commands", ()))
-        named = {word for before, word in zip(["·", *rest], rest, strict=False) if before == "·"}
-        assert not below or named <= below, f"{page}: baqueano {verb} has no {' or '.join(named - below)}"
+        names = {word for before, word in zip(["·", *rest], rest, strict=False) if before == "·"}
+        assert not below or names <= below, f"{page}: baqueano {verb} has no {' or '.join(names - below)}"
         assert {word for word in rest if word.startswith("--")} <= options_of(verbs[verb]), (
             f"{page}: baqueano {verb} {rest}"
         )
@@ -149,21 +151,21 @@ def test_each_row_of_the_security_of_the_page_names_tests_that_exist(page, headi
         path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))
     )
     for row in rows:
-        named = re.findall(r"`(test_\w+)`", row)
-        assert named, row
-        assert {name for name in named if f"def {name}(" not in tests} == set()
+        names = re.findall(r"`(test_\w+)`", row)
+        assert names, row
+        assert {name for name in names if f"def {name}(" not in tests} == set()
 
 
 def test_every_erratum_that_the_code_names_is_reported():
-    told = set(
+    known_errata = set(
         re.findall(r"^\| (\d+) \|", (ROOT / "docs/errata.md").read_text(encoding="utf-8"), re.MULTILINE)
     )
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py")]
-    named = [
-        re.findall(r"\d+", said) for text in texts for said in re.findall(r"[Ee]rrat\w+ ([\d, ]+)", text)
+    names = [
+        re.findall(r"\d+", number) for text in texts for number in re.findall(r"[Ee]rrat\w+ ([\d, ]+)", text)
     ]
-    assert len(named) > 10
-    assert set().union(*named) <= told
+    assert len(names) > 10
+    assert set().union(*names) <= known_errata
 
 
 def anchors(page):
@@ -174,14 +176,14 @@ def anchors(page):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_the_links_of_a_page_lead_somewhere(page):
-    here = ROOT / page
-    for link in re.findall(r"\]\(([^)\s]+)\)", here.read_text(encoding="utf-8")):
+    page_file = ROOT / page
+    for link in re.findall(r"\]\(([^)\s]+)\)", page_file.read_text(encoding="utf-8")):
         if link.startswith("http"):
             continue
         path, _, anchor = link.partition("#")
-        there = (here.parent / path).resolve() if path else here
-        assert there.exists(), f"{page}: there is no {link}"
-        assert not anchor or anchor in anchors(there), f"{page}: {there.name} has no heading {anchor}"
+        target = (page_file.parent / path).resolve() if path else page_file
+        assert target.exists(), f"{page}: there is no {link}"
+        assert not anchor or anchor in anchors(target), f"{page}: {target.name} has no heading {anchor}"
 
 
 def test_the_glossary_is_sorted_and_leads_to_pages_that_exist():

@@ -64,80 +64,80 @@ def module_of(room: str) -> ModuleType:
 
 def public() -> dict[str, object]:
     """Return the public names and what they are, each once, under the first room that offers it."""
-    offered, once = {}, set()
+    objects, once = {}, set()
     for room in ROOMS:
         module = module_of(room)
         for name in module.__all__:
-            one = getattr(module, name)
-            if not isinstance(one, ModuleType) and id(one) not in once:
-                once.add(id(one))
-                offered[f"{room}.{name}"] = one
-    return offered
+            value = getattr(module, name)
+            if not isinstance(value, ModuleType) and id(value) not in once:
+                once.add(id(value))
+                objects[f"{room}.{name}"] = value
+    return objects
 
 
 PUBLIC = public()
 
 
-def documented_here(one: object) -> bool:
+def documented_here(value: object) -> bool:
     """Return True where the object is a class or a function of ours."""
-    return callable(one) and (getattr(one, "__module__", "") or "").startswith("baqueano")
+    return callable(value) and (getattr(value, "__module__", "") or "").startswith("baqueano")
 
 
-DOCUMENTED = {name: one for name, one in PUBLIC.items() if documented_here(one)}
+DOCUMENTED = {name: value for name, value in PUBLIC.items() if documented_here(value)}
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_a_public_name_is_documented(name):
-    one = DOCUMENTED[name]
-    doc = NumpyDocString(inspect.getdoc(one) or "")
-    lacks = in_a_class(one, doc) if isinstance(one, type) else in_a_function(one, doc)
+    value = DOCUMENTED[name]
+    doc = NumpyDocString(inspect.getdoc(value) or "")
+    lacks = in_a_class(value, doc) if isinstance(value, type) else in_a_function(value, doc)
     lacks += [] if "".join(doc["Summary"]).strip() else ["a summary"]
     lacks += [] if ">>> " in "\n".join(doc["Examples"]) else ["Examples"]
     assert not lacks, f"{name} lacks {', '.join(lacks)}"
 
 
-def in_a_function(one, doc: NumpyDocString) -> list[str]:
-    signature = inspect.signature(one)
+def in_a_function(function, doc: NumpyDocString) -> list[str]:
+    signature = inspect.signature(function)
     parameters = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
     lacks = entries([(str(p).split(":")[0].split("=")[0].strip(), p.annotation) for p in parameters], doc)
-    tree = ast.parse(textwrap.dedent(inspect.getsource(one))).body[0]
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
     gives = str(signature.return_annotation)
     if gives not in ("None", "NoReturn") and not (doc["Returns"] or doc["Yields"]):
         lacks.append("Returns")
-    named = {entry.type for entry in doc["Raises"]}
-    lacks += [f"Raises {error}" for error in sorted(raised(tree) - BARE_RAISE - named)]
+    error_names = {entry.type for entry in doc["Raises"]}
+    lacks += [f"Raises {error}" for error in sorted(errors_raised(tree) - BARE_RAISE - error_names)]
     return lacks + source(doc)
 
 
-def in_a_class(one: type, doc: NumpyDocString) -> list[str]:
-    if getattr(one, "_is_protocol", False) or issubclass(one, BaseException | enum.Enum):
+def in_a_class(cls: type, doc: NumpyDocString) -> list[str]:
+    if getattr(cls, "_is_protocol", False) or issubclass(cls, BaseException | enum.Enum):
         return []
-    if dataclasses.is_dataclass(one):
-        fields = [(field.name, str(field.type)) for field in dataclasses.fields(one)]
-    elif hasattr(one, "_fields"):
-        fields = [(name, str(one.__annotations__.get(name, ""))) for name in one._fields]
+    if dataclasses.is_dataclass(cls):
+        fields = [(field.name, str(field.type)) for field in dataclasses.fields(cls)]
+    elif hasattr(cls, "_fields"):
+        fields = [(name, str(cls.__annotations__.get(name, ""))) for name in cls._fields]
     else:
-        arguments = inspect.signature(one).parameters.values()
+        arguments = inspect.signature(cls).parameters.values()
         fields = [
             (p.name, str(p.annotation)) for p in arguments if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
         ]
     lacks = entries([(name, kind) for name, kind in fields if not name.startswith("_")], doc)
-    equations = "(1)" in (inspect.getmodule(one).__doc__ or "") and hasattr(one, "step")
+    equations = "(1)" in (inspect.getmodule(cls).__doc__ or "") and hasattr(cls, "step")
     return lacks + (
         ["References or Notes"] if equations and not (doc["References"] or doc["Notes"]) else source(doc)
     )
 
 
-def entries(wanted: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
+def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
     """Return what is amiss with the entries of these parameters: absent, without type, shape or unit."""
-    there = {
+    entries_documented = {
         name.strip(): entry
         for entry in [*doc["Parameters"], *doc["Attributes"], *doc["Other Parameters"]]
         for name in entry.name.split(",")
     }
     lacks = []
-    for name, annotation in wanted:
-        entry = there.get(name)
+    for name, annotation in expected:
+        entry = entries_documented.get(name)
         if entry is None:
             lacks.append(f"the parameter {name}")
             continue
@@ -151,7 +151,7 @@ def entries(wanted: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
     return lacks
 
 
-def raised(function: ast.AST) -> set[str]:
+def errors_raised(function: ast.AST) -> set[str]:
     """Return the names of the errors that stand in a `raise` of the function itself."""
     return {
         ast.unparse(node.exc.func).rpartition(".")[2]

@@ -68,17 +68,17 @@ MOST = 4  # statements of an example, beside its imports
 @pytest.mark.parametrize("module", TEXTS)
 def test_the_examples_of_a_module_run_and_say_what_they_say(module, request, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = []
+    texts = []
     with HARDWARE.get(module, none)(request, monkeypatch):
         for example in examples_of(module):
-            doctest.DocTestRunner().run(example, out=said.append)
-    assert not said, "".join(said)
+            doctest.DocTestRunner().run(example, out=texts.append)
+    assert not texts, "".join(texts)
 
 
 @pytest.mark.parametrize(("module", "name"), NAMES)
 def test_what_a_user_calls_has_a_short_example(module, name):
-    (example,) = [one for one in examples_of(module) if one.name == f"{module}.{name}"]
-    lines = [one.source for one in example.examples if not one.source.startswith(("import ", "from "))]
+    (example,) = [candidate for candidate in examples_of(module) if candidate.name == f"{module}.{name}"]
+    lines = [line.source for line in example.examples if not line.source.startswith(("import ", "from "))]
     assert 0 < len(lines) <= MOST, "".join(lines)
 
 
@@ -86,7 +86,7 @@ def test_no_example_is_left_out():
     skipped = [module for module, text in TEXTS.items() if "doctest:" in text]
     assert not skipped, "an example that does not run may be wrong"
     for module, text in TEXTS.items():
-        assert sum(len(one.examples) for one in examples_of(module)) == text.count(">>> "), module
+        assert sum(len(candidate.examples) for candidate in examples_of(module)) == text.count(">>> "), module
 
 
 def examples_of(module: str) -> list[doctest.DocTest]:
@@ -128,8 +128,8 @@ def an_imu_on_the_bus(request, monkeypatch):
     bus.touch()
     chip = MpuEmulator(now_ns=time.monotonic_ns, start_ns=time.monotonic_ns())
     connect(monkeypatch, {str(bus): EmulatedBus({0x68: chip}, lambda ns: None)})
-    there = {"/dev/i2c-1": str(bus)}
-    monkeypatch.setattr(imu, "find", lambda path, addresses: mpu6050.find(there[path], addresses))
+    buses = {"/dev/i2c-1": str(bus)}
+    monkeypatch.setattr(imu, "find", lambda path, addresses: mpu6050.find(buses[path], addresses))
     yield
 
 
@@ -143,11 +143,11 @@ def with_emulator(request) -> rig.Built:
 @contextmanager
 def an_uno_on_the_line(request, monkeypatch):
     """The firmware answers at the only serial line."""
-    built = with_emulator(request)
+    build = with_emulator(request)
     from baqueano.robot.uno import serial_port
     from tests.emulated.realtime import on_pty
 
-    with on_pty(built) as live:
+    with on_pty(build) as live:
         monkeypatch.setattr(serial_port, "BY_ID", live.path)
         yield
 

@@ -23,9 +23,9 @@ def shape(line):
 def evening(tmp_path_factory):
     """Type all commands of the page, in their order; gives the folder, and (what was printed, what is shown)."""
     folder, printed, pairs = tmp_path_factory.mktemp("evening"), "", []
-    found = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    fences = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}
-    for kind, text in found:
+    for kind, text in fences:
         if kind == "text":
             pairs.append((printed, text))
             continue

@@ -56,10 +56,10 @@ def test_every_signature_is_typed():
 
 def test_nothing_imports_upward():
     code = "from importlinter.cli import lint_imports_command as lint; lint()"
-    shown = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, encoding="utf-8"
     )
-    assert " kept, 0 broken" in shown.stdout, shown.stdout[-4000:] + shown.stderr
+    assert " kept, 0 broken" in process.stdout, process.stdout[-4000:] + process.stderr
 
 
 def test_a_folder_can_be_seen_at_once():
@@ -99,7 +99,7 @@ def blocks_in(paths: Iterable[Path]) -> set[str]:
         for node in nodes_of(path)[0].body
         if isinstance(node, ast.ClassDef)
         and "Protocol" not in [getattr(base, "id", "") for base in node.bases]
-        and {"init", "step"} <= {one.name for one in node.body if isinstance(one, FUNCTIONS)}
+        and {"init", "step"} <= {member.name for member in node.body if isinstance(member, FUNCTIONS)}
     }
 
 
@@ -110,8 +110,8 @@ def test_a_room_names_every_block_that_stands_in_it(room):
 
 def test_no_block_hides_outside_the_block_rooms():
     outside = [path for path in SOURCE.rglob("*.py") if path.relative_to(SOURCE).parts[0] not in BLOCK_ROOMS]
-    hidden = blocks_in(outside)
-    assert not hidden - AROUND_BLOCKS, (
+    hidden_blocks = blocks_in(outside)
+    assert not hidden_blocks - AROUND_BLOCKS, (
         "a block stands in vehicles/, sensors/, estimators/, guides/ or controllers/"
     )
 
@@ -122,15 +122,15 @@ def test_blocks_open_no_door_to_the_outside(room):
         for node in nodes_of(path):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            taken = {name.split(".")[0] for name in names} & DOORS
-            assert not taken, (
-                f"{path.relative_to(ROOT)} line {node.lineno} imports {taken}: time comes with the signal"
+            modules = {name.split(".")[0] for name in names} & DOORS
+            assert not modules, (
+                f"{path.relative_to(ROOT)} line {node.lineno} imports {modules}: time comes with the signal"
             )
 
 
 def test_nothing_asks_which_vehicle_it_has():
     """Its protocol and the metadata of its parameters say all, so that a vehicle of one's own is served as ours are."""
-    asks = {
+    offenders = {
         str(path.relative_to(SOURCE))
         for path in SOURCE.rglob("*.py")
         for node in nodes_of(path)
@@ -138,7 +138,7 @@ def test_nothing_asks_which_vehicle_it_has():
         and node.module == "baqueano.vehicles"
         and {"Car", "Kinematic", "Planar"} & {name.name for name in node.names}
     }
-    assert not asks, f"{asks} import a class of vehicle"
+    assert not offenders, f"{offenders} import a class of vehicle"
 
 
 SNIFFED = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
@@ -177,15 +177,15 @@ def test_no_kind_of_ours_is_distinguished_outside_its_room(room):
         "Compass",
         "Beacon",
     }
-    asks = [
+    offenders = [
         f"{path.relative_to(SOURCE)} line {node.lineno}"
         for path in sources()
         if path.parent != SOURCE / room
         for node in nodes_of(path)
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance"
-        and {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)} & kinds
+        and {name_node.id for name_node in ast.walk(node.args[1]) if isinstance(name_node, ast.Name)} & kinds
     ]  # fmt: skip
-    assert not asks, asks
+    assert not offenders, offenders
 
 
 def test_no_file_needs_a_tour():
@@ -203,7 +203,7 @@ def test_other_rooms_take_few_names_from_a_room(room):
     """At most NAMES. Rooms are added here one by one."""
     package = f"baqueano.{room.replace('/', '.')}"
     modules = {package, *(f"{package}.{path.stem}" for path in modules_in(SOURCE / room))}
-    taken = {
+    names = {
         f"{node.module}.{name.name}"
         for path in SOURCE.rglob("*.py")
         if path.parent != SOURCE / room
@@ -211,24 +211,26 @@ def test_other_rooms_take_few_names_from_a_room(room):
         if isinstance(node, ast.ImportFrom) and node.module in modules
         for name in node.names
     }
-    assert len(taken) <= NAMES, f"{len(taken)} names of {room} are used elsewhere: {sorted(taken)}"
+    assert len(names) <= NAMES, f"{len(names)} names of {room} are used elsewhere: {sorted(names)}"
 
 
 def test_whatever_is_public_says_what_it_is():
-    told, dumb = {}, []
+    members, dumb = {}, []
     for path in SOURCE.rglob("*.py"):
         for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
-                told[node.name] = {
-                    one.name for one in node.body if isinstance(one, FUNCTIONS) and ast.get_docstring(one)
+                members[node.name] = {
+                    member.name
+                    for member in node.body
+                    if isinstance(member, FUNCTIONS) and ast.get_docstring(member)
                 }
     for path in SOURCE.rglob("*.py"):
         tree = nodes_of(path)[0]
-        dumb += [f"{path.relative_to(ROOT)}: {name}" for name in without_docstring(tree, "", set(), told)]
+        dumb += [f"{path.relative_to(ROOT)}: {name}" for name in without_docstring(tree, "", set(), members)]
     assert not dumb, "no docstring, so a reader has to guess:\n" + "\n".join(dumb)
 
 
-def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], told: dict[str, set[str]]):
+def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], members: dict[str, set[str]]):
     """Names of what is public and does not say what it is. What a base class says, or `help=` of a verb, is enough."""
     if isinstance(inside, ast.Module) and not ast.get_docstring(inside):
         yield "the module"
@@ -236,15 +238,15 @@ def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], told: d
         if not isinstance(node, (*FUNCTIONS, ast.ClassDef)) or node.name.startswith("_"):
             continue
         verb = any(
-            isinstance(one, ast.Call) and any(key.arg == "help" for key in one.keywords)
-            for one in node.decorator_list
+            isinstance(decorator, ast.Call) and any(key.arg == "help" for key in decorator.keywords)
+            for decorator in node.decorator_list
         )
         if not (verb or node.name in inherited or ast.get_docstring(node)):
             yield prefix + node.name
         if isinstance(node, ast.ClassDef):
             bases = [base.id for base in node.bases if isinstance(base, ast.Name)]
-            said = set[str]().union(*(told.get(base, set()) for base in bases))
-            yield from without_docstring(node, f"{prefix}{node.name}.", said, told)
+            inherited_names = set[str]().union(*(members.get(base, set()) for base in bases))
+            yield from without_docstring(node, f"{prefix}{node.name}.", inherited_names, members)
 
 
 def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
@@ -253,8 +255,9 @@ def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
         for path in SOURCE.rglob("*.py")
         for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
-        and {"table", "verdict"} <= (told := {one.name for one in node.body if isinstance(one, FUNCTIONS)})
-        and "rows" not in told
+        and {"table", "verdict"}
+        <= (methods := {member.name for member in node.body if isinstance(member, FUNCTIONS)})
+        and "rows" not in methods
     ]
     assert not mute, f"--json asks for rows(): {mute}"
 
@@ -262,8 +265,8 @@ def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
 def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
     heavy = ["scipy", "matplotlib", "jinja2", "rich", "tomlkit", "rosbags", "mcap"]
     code = f"import sys, baqueano; print([m for m in {heavy} if m in sys.modules])"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"
 
 
 def test_each_promise_that_a_test_names_is_one():
@@ -291,9 +294,9 @@ def test_ne1_no_port_is_opened_to_the_network():
 def test_lg7_fi5_nothing_of_a_file_is_run_as_code():
     """A block of the user is code and is run; a study reads back what it pickled itself."""
     risky = re.compile(r"(pickle|marshal|shelve|yaml)\.\w+|eval|exec|read_pickle")
-    found = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
+    offenders = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
     engine = {"symbolic/packing.py", "symbolic/python_code/python.py"}
-    assert found <= {"blocks.py", "study/identification/result.py", *engine}
+    assert offenders <= {"blocks.py", "study/identification/result.py", *engine}
     assert not [file for file, call in calls() if "allow_pickle" in {key.arg for key in call.keywords}]
 
 
@@ -331,7 +334,7 @@ HARMLESS = {
 def test_no_study_makes_its_data_by_the_step_that_is_fitted():
     """A mirror always agrees: data come from study/truth or from recordings."""
     for path in (SOURCE / "study").rglob("*.py"):
-        taken = {
+        modules = {
             name.name
             for node in nodes_of(path)
             if isinstance(node, ast.ImportFrom)
@@ -343,5 +346,5 @@ def test_no_study_makes_its_data_by_the_step_that_is_fitted():
         drives = [node for node in calls if getattr(node.func, "id", "") in ("first_drive", "repeat")]
         worlds = all("world" in {key.arg for key in node.keywords} for node in drives)
         if path.relative_to(SOURCE / "study").parts[0] not in SIMULATED:
-            assert taken <= HARMLESS, f"{path.relative_to(ROOT)} imports {taken - HARMLESS}"
+            assert modules <= HARMLESS, f"{path.relative_to(ROOT)} imports {modules - HARMLESS}"
             assert worlds, f"{path.relative_to(ROOT)}: a drive without a world is simulated by our step"

@@ -10,9 +10,9 @@ from baqueano import language
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.language import LANGUAGES, current, number, translated
 from baqueano.messages import text
-from tests.catalogues import compiled, differs, faults, places, read
+from tests.catalogues import compiled, differs, faults, places, read_catalogue
 
-OTHERS = [one for one in LANGUAGES if one != "en"]
+OTHERS = [language for language in LANGUAGES if language != "en"]
 
 
 @pytest.fixture(autouse=True)
@@ -23,18 +23,19 @@ def _undone(monkeypatch):
     language.choose("")
 
 
-@pytest.mark.parametrize("other", OTHERS)
-def test_a_catalogue_is_complete_and_compiled(other):
-    catalogue = read(other)
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_catalogue_is_complete_and_compiled(language):
+    catalogue = read_catalogue(language)
     assert not faults(catalogue), "type: make catalogues, and translate what it lists"
-    assert places(other)[1].read_bytes() == compiled(catalogue), "type: make catalogues"
+    assert places(language)[1].read_bytes() == compiled(catalogue), "type: make catalogues"
 
 
 @pytest.mark.parametrize(
-    ("english", "other"), [("{x:.1f} m", "{y:.1f} m"), ("{arg[use]:{sensor}}", "{arg[use]}"), ("{a}", "a")]
+    ("english", "translation"),
+    [("{x:.1f} m", "{y:.1f} m"), ("{arg[use]:{sensor}}", "{arg[use]}"), ("{a}", "a")],
 )
-def test_other_placeholders_are_named(english, other):
-    assert differs(english, other)
+def test_other_placeholders_are_named(english, translation):
+    assert differs(english, translation)
     assert differs(english, english) is None
 
 
@@ -51,25 +52,25 @@ def test_the_command_line_wins_over_the_variable_and_the_variable_over_the_local
 
 
 def test_a_sentence_is_spanish_and_its_numbers_have_a_decimal_comma():
-    said = fault("vehicle.setting", setting="x")
+    note = fault("vehicle.setting", setting="x")
     timed = Diagnostic("vehicle.tilt", figures={"tilt_deg": 12.0, "max_tilt_rad": 0.5})
-    english = text(said), text(timed)
+    english = text(note), text(timed)
     language.choose("es")
-    assert text(said) != english[0]
+    assert text(note) != english[0]
     assert text(timed) == "el vehículo está inclinado 12°: max_tilt_rad es 0,5"
     language.choose("en")
-    assert (text(said), text(timed)) == english
+    assert (text(note), text(timed)) == english
 
 
 @pytest.mark.parametrize(
-    ("value", "spec", "written"),
+    ("value", "spec", "text_written"),
     [(0.25, ".2f", "0,25"), (1234567, ",", "1 234 567"), (1.5e-7, ".1e", "1,5e-07"), (True, "", "True"),
      ("0.25", "", "0.25"), (float("nan"), ".1f", "nan")],
 )  # fmt: skip
-def test_numbers_are_written_as_in_spanish(value, spec, written):
+def test_numbers_are_written_as_in_spanish(value, spec, text_written):
     language.choose("es")
-    assert f"{number(value):{spec}}" == written
-    assert f"{number([value])[0]:{spec}}" == written
+    assert f"{number(value):{spec}}" == text_written
+    assert f"{number([value])[0]:{spec}}" == text_written
 
 
 def test_what_has_no_translation_stays_english():
@@ -79,15 +80,15 @@ def test_what_has_no_translation_stays_english():
 
 
 def test_the_command_line_speaks_spanish():
-    def said(*args, **environment):
+    def output_of(*args, **environment):
         end = subprocess.run(
             [sys.executable, "-m", "baqueano", *args], capture_output=True, encoding="utf-8",
             env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment},
         )  # fmt: skip
         return end.stdout + end.stderr
 
-    assert "Muestra este mensaje y termina." in said("compare", "--help", "--lang", "es")
-    assert "Uso: baqueano" in said("--help", BAQUEANO_LANG="es")
-    assert "Usage: baqueano" in said("--lang=en", "--help", BAQUEANO_LANG="es")
-    assert "'fr' is not one of" in said("--lang", "fr", "compare")
-    assert "BAQUEANO_LANG=fr" in said("blocks", "ls", BAQUEANO_LANG="fr")
+    assert "Muestra este mensaje y termina." in output_of("compare", "--help", "--lang", "es")
+    assert "Uso: baqueano" in output_of("--help", BAQUEANO_LANG="es")
+    assert "Usage: baqueano" in output_of("--lang=en", "--help", BAQUEANO_LANG="es")
+    assert "'fr' is not one of" in output_of("--lang", "fr", "compare")
+    assert "BAQUEANO_LANG=fr" in output_of("blocks", "ls", BAQUEANO_LANG="fr")

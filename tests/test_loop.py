@@ -46,7 +46,7 @@ def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
     return records, events, outcome
 
 
-def replayed(records):
+def replay_of(records):
     ticks = [r.tick for r in records]
     t_ns = np.array([t.t_ns for t in ticks])
     imu = [(t.t_ns, t.sensors.imu.z) for t in ticks if t.sensors.imu.has]
@@ -87,17 +87,17 @@ def test_the_command_of_one_tick_is_in_force_in_the_next():
 def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
     blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
     records, _, _ = drive(blocks, duration_s=0.5 if backend == "numpy" else 4.0)
-    world, again = replayed(records), []
-    loop.run(blocks, world, world.times, again.append)
-    assert len(again) == len(records)
-    assert all(identical(a, b) for a, b in zip(records, again, strict=True))
+    world, replayed_records = replay_of(records), []
+    loop.run(blocks, world, world.times, replayed_records.append)
+    assert len(replayed_records) == len(records)
+    assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
 
 def test_replay_does_not_depend_on_how_the_ticks_were_bundled():
     records, _, _ = drive(duration_s=1.0)
-    world, again = replayed(records), []
-    loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], again.append)
-    assert all(identical(a, b) for a, b in zip(records, again, strict=True))
+    world, replayed_records = replay_of(records), []
+    loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], replayed_records.append)
+    assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
 
 def test_the_pure_step_is_the_clocked_loop():
@@ -194,7 +194,7 @@ FAILING_LINE = next(
 
 
 @pytest.mark.parametrize(
-    ("how", "figures"),
+    ("failure", "figures"),
     [
         ("raises", {"error": "ZeroDivisionError: float division by zero"}),
         ("shape", {"found": "Command.u with shape (2,)", "expected": "(3,)"}),
@@ -206,16 +206,18 @@ FAILING_LINE = next(
         ("three", {"found": "a tuple of 3", "expected": "(state, output)"}),
     ],
 )
-def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, figures):
+def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(failure, figures):
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
-    records, events, outcome = drive(BLOCKS._replace(controller=Failing(how)), duration_s=9.0, world=world)
-    raised = how == "raises"
-    assert outcome.stopped.code == (StopReason.BLOCK_RAISED if raised else StopReason.BLOCK_RETURNED)
+    records, events, outcome = drive(
+        BLOCKS._replace(controller=Failing(failure)), duration_s=9.0, world=world
+    )
+    is_raise = failure == "raises"
+    assert outcome.stopped.code == (StopReason.BLOCK_RAISED if is_raise else StopReason.BLOCK_RETURNED)
     assert outcome.stopped.figures.items() >= figures.items()
     block = outcome.stopped.figures["block"]
     assert block.startswith("controller Failing (")
     assert HERE in block
-    if raised:
+    if is_raise:
         assert f"{HERE}:{FAILING_LINE})" in block
     assert events == [(210_000_000, outcome.stopped)]
     assert len(records) == 121  # twenty good ones, the fault, and a second after it
@@ -226,7 +228,7 @@ def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Broken:
+class BrokenBlock:
     """A block whose step does not return."""
 
     def init(self, *start):
@@ -238,15 +240,15 @@ class Broken:
 
 @pytest.mark.parametrize("room", Blocks._fields)
 def test_rt3_every_room_is_guarded(room):
-    records, events, outcome = drive(BLOCKS._replace(**{room: Broken()}), duration_s=3.0)
+    records, events, outcome = drive(BLOCKS._replace(**{room: BrokenBlock()}), duration_s=3.0)
     assert outcome.stopped.code == StopReason.BLOCK_RAISED
-    assert outcome.stopped.figures["block"].startswith(f"{room} Broken (")
+    assert outcome.stopped.figures["block"].startswith(f"{room} BrokenBlock (")
     assert outcome.stopped.figures["error"] == "RuntimeError: out of ideas"
     assert len(events) == 1
     assert len(records) == 101
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
-    lost = room == "estimator"
-    assert np.isnan(records[-1].estimate.eta).all() == lost
+    is_estimator = room == "estimator"
+    assert np.isnan(records[-1].estimate.eta).all() == is_estimator
 
 
 class Odd(BaseException):
@@ -259,9 +261,9 @@ def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
     def ends(self, *inputs):
         raise error
 
-    records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (Broken,), {verb: ends})()), 3.0)
-    raised = StopReason.BLOCK_RAISED if verb == "step" else StopReason.BLOCK_RAISED_IN_INIT
-    assert outcome.stopped.code == raised
+    records, events, outcome = drive(BLOCKS._replace(guide=type("Ends", (BrokenBlock,), {verb: ends})()), 3.0)
+    code = StopReason.BLOCK_RAISED if verb == "step" else StopReason.BLOCK_RAISED_IN_INIT
+    assert outcome.stopped.code == code
     assert outcome.stopped.figures["block"].startswith("guide Ends (")
     assert outcome.stopped.figures["error"] == error.__name__
     assert len(events) == 1
@@ -269,24 +271,24 @@ def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
 
 
 def test_ctrl_c_in_the_middle_of_a_block_is_not_a_fault_of_the_block():
-    class Interrupted(Broken):
+    class InterruptedBlock(BrokenBlock):
         def step(self, state, *inputs):
             signal.raise_signal(signal.SIGINT)
 
-    _, events, outcome = drive(BLOCKS._replace(guide=Interrupted()))
+    _, events, outcome = drive(BLOCKS._replace(guide=InterruptedBlock()))
     assert outcome.stopped.code == StopReason.INTERRUPTED
     assert len(events) == 1
 
 
 def test_two_blocks_that_fail_one_after_the_other_are_survived():
-    broken = BLOCKS._replace(controller=Broken(), estimator=Broken())
-    records, _, outcome = drive(broken, duration_s=3.0)
-    assert outcome.stopped.figures["block"].startswith("estimator Broken")
+    failing = BLOCKS._replace(controller=BrokenBlock(), estimator=BrokenBlock())
+    records, _, outcome = drive(failing, duration_s=3.0)
+    assert outcome.stopped.figures["block"].startswith("estimator BrokenBlock")
     assert len(records) == 101
 
 
 def test_a_block_that_fails_before_the_start_moves_nothing():
-    class NoStart(Broken):
+    class NoStart(BrokenBlock):
         def init(self, *start):
             raise KeyError("route")
 
@@ -361,15 +363,15 @@ def test_the_start_pose_reaches_the_estimator():
 
 def test_back_ends_agree_over_a_loop():
     ticks = [r.tick for r in drive(duration_s=0.2)[0]]
-    spoken = {}
+    estimates = {}
     for backend in ("auto", "python", "numpy"):
         blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
-        states, spoken[backend] = loop.init(blocks), []
+        states, estimates[backend] = loop.init(blocks), []
         for tick in ticks:
             states, record = loop.step(blocks, states, tick)
-            spoken[backend].append(record)
+            estimates[backend].append(record)
     for backend in ("auto", "python"):
-        for a, b in zip(leaves(tuple(spoken[backend])), leaves(tuple(spoken["numpy"])), strict=True):
+        for a, b in zip(leaves(tuple(estimates[backend])), leaves(tuple(estimates["numpy"])), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
 

@@ -40,10 +40,10 @@ MATCHING = {"match", "search", "fullmatch", "findall", "finditer"}
 WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}")
 
 
-def named(node):
+def name_of(node):
     """The last name of an expression; text(…) and the str(…) of an error are sentences."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
-        of_error = node.func.id == "str" and named(node.args[0]) in ("error", "value", "why", "damage")
+        of_error = node.func.id == "str" and name_of(node.args[0]) in ("error", "value", "why", "damage")
         return "text" if of_error or node.func.id == "text" else ""
     if isinstance(node, ast.Attribute):
         return "" if isinstance(node.value, ast.Name) and node.value.id in FILES else node.attr
@@ -53,7 +53,7 @@ def named(node):
 def prose(node, constants):
     """Return whether a literal, or a constant of the module, has two words in a row."""
     if isinstance(node, ast.Tuple | ast.List | ast.Set):
-        return any(prose(one, constants) for one in node.elts)
+        return any(prose(element, constants) for element in node.elts)
     if isinstance(node, ast.Name):
         return node.id in constants - LISTS_OF_NAMES
     if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
@@ -72,11 +72,11 @@ def readers(tree):
     }
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            about = named(node.func.value)
+            about = name_of(node.func.value)
             reads = node.func.attr in READING
             if reads and (about in PROSE or any(prose(arg, constants) for arg in node.args)):
                 yield node.lineno
-            if node.func.attr in MATCHING and any(named(arg) in PROSE for arg in node.args):
+            if node.func.attr in MATCHING and any(name_of(arg) in PROSE for arg in node.args):
                 yield node.lineno
         if isinstance(node, ast.Compare):
             sides = [node.left, *node.comparators]
@@ -85,19 +85,19 @@ def readers(tree):
             within = any(isinstance(op, ast.In | ast.NotIn) for op in node.ops)
             within &= not (isinstance(node.left, ast.Name) and node.left.id in LISTS_OF_NAMES)
             within &= not (isinstance(node.left, ast.Constant) and node.left.value in MACHINES_WORDS)
-            if within and any(named(side) in PROSE for side in node.comparators):
+            if within and any(name_of(side) in PROSE for side in node.comparators):
                 yield node.lineno
 
 
 @pytest.mark.parametrize("room", ROOMS_OF_CODE)
 def test_no_code_reads_a_sentence(room):
     files = [SOURCE / room] if room.endswith(".py") else sorted((SOURCE / room).rglob("*.py"))
-    found = [
+    offenders = [
         f"{path.relative_to(SOURCE)} line {line}"
         for path in files
         for line in readers(ast.parse(path.read_text(encoding="utf-8")))
     ]
-    assert not found, f"these decide by words: give what they ask for a code. {found}"
+    assert not offenders, f"these decide by words: give what they ask for a code. {offenders}"
 
 
 @pytest.mark.parametrize(
@@ -160,13 +160,15 @@ def said_in_the_code():
 
 
 def test_each_diagnostic_brings_the_figures_of_its_template():
-    made = list(said_in_the_code())
-    assert len(made) > 250
-    for path, code, figures in made:
-        wanted = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
-        wanted = {name for name in wanted if not name.startswith("arg[")}
-        assert wanted >= figures & {"fix"}, f"{path}: {code} does not show what to type"
-        assert wanted - {"fix", "subject"} <= figures, f"{path}: {code} needs {wanted}, and gets {figures}"
+    diagnostics = list(said_in_the_code())
+    assert len(diagnostics) > 250
+    for path, code, figures in diagnostics:
+        figures_of = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}
+        figures_of = {name for name in figures_of if not name.startswith("arg[")}
+        assert figures_of >= figures & {"fix"}, f"{path}: {code} does not show what to type"
+        assert figures_of - {"fix", "subject"} <= figures, (
+            f"{path}: {code} needs {figures_of}, and gets {figures}"
+        )
 
 
 def codes_in_the_code():
@@ -187,29 +189,29 @@ def codes_in_the_code():
 
 
 def test_each_template_has_its_code():
-    literals, made = codes_in_the_code()
+    literals, pattern = codes_in_the_code()
     of_errors = {f"error.{error.__name__}" for error in (BaqueanoError, *BaqueanoError.__subclasses__())}
     unused = set(templates()) - literals - of_errors
-    assert [code for code in sorted(unused) if not made.fullmatch(code)] == []
+    assert [code for code in sorted(unused) if not pattern.fullmatch(code)] == []
 
 
 NESTED = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "note",
     [
         stop(StopReason.UNO_SILENT, silent_ms=320.5), stop(StopReason.UNO_LATCHED, "baqueano robot clear"), NESTED,
         note("bus.freed", Severity.WARNING, clocks=9),
     ],
 )  # fmt: skip
-def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(said):
-    assert Diagnostic.of_json(json.loads(json.dumps(said.to_json()))) == said
-    assert text(said)
+def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(note):
+    assert Diagnostic.of_json(json.loads(json.dumps(note.to_json()))) == note
+    assert text(note)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "data",
     [
         None, 3, [], {}, {"code": "x"}, {"code": 1, "severity": "error", "subject": "", "figures": {}, "fix": ""},
         {"code": "x", "severity": "grave", "subject": "", "figures": {}, "fix": ""},
@@ -217,9 +219,9 @@ def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(said):
         {"code": "x", "severity": "error", "subject": "", "figures": {"a": {"code": 3}}, "fix": ""},
     ],
 )  # fmt: skip
-def test_what_is_not_a_diagnostic_is_refused(said):
+def test_what_is_not_a_diagnostic_is_refused(data):
     with pytest.raises(ValueError, match=r"diagnostic|figure|Severity"):
-        Diagnostic.of_json(said)
+        Diagnostic.of_json(data)
 
 
 @pytest.mark.parametrize(
@@ -250,6 +252,6 @@ def test_a_code_of_another_version_is_shown_with_its_figures_and_never_raises():
 
 
 def test_an_error_carries_its_diagnostic_over_the_door():
-    why = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
-    error = of_code(SafetyStop.exit_code, why)
-    assert (type(error), error.diagnostic, str(error)) == (SafetyStop, why, text(why))
+    reason = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
+    error = of_code(SafetyStop.exit_code, reason)
+    assert (type(error), error.diagnostic, str(error)) == (SafetyStop, reason, text(reason))

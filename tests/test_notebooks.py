@@ -11,7 +11,7 @@ SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path=
 
 
 @pytest.fixture(scope="module")
-def executed(tmp_path_factory):
+def executed_notebooks(tmp_path_factory):
     """The folder of a new project, and its notebook after all of its cells."""
     folder = new(tmp_path_factory.mktemp("notebook") / "mi lab")
     notebook = nbformat.read(folder / "first_evening.ipynb", as_version=4)
@@ -24,36 +24,36 @@ def executed(tmp_path_factory):
     return folder, notebook
 
 
-def shown(notebook, kind):
+def outputs_of(notebook, kind):
     return [
-        one.data[kind]
+        output.data[kind]
         for cell in notebook.cells
-        for one in cell.get("outputs", [])
-        if kind in one.get("data", {})
+        for output in cell.get("outputs", [])
+        if kind in output.get("data", {})
     ]
 
 
-def test_the_notebook_of_a_new_project_runs_and_says_nothing_beside(executed):
-    _, notebook = executed
-    outputs = [one for cell in notebook.cells for one in cell.get("outputs", [])]
-    assert {one.output_type for one in outputs} <= {"execute_result", "display_data"}
+def test_the_notebook_of_a_new_project_runs_and_says_nothing_beside(executed_notebooks):
+    _, notebook = executed_notebooks
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert {output.output_type for output in outputs} <= {"execute_result", "display_data"}
 
 
-def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed):
-    folder, notebook = executed
-    cards = shown(notebook, "text/html")
+def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed_notebooks):
+    folder, notebook = executed_notebooks
+    cards = outputs_of(notebook, "text/html")
     assert any("Fit of small" in card and "friction.linear[0]" in card for card in cards)
     assert any("Fit of small" in card and "USABLE" in card for card in cards), (
         "though its file began as a guess"
     )
     assert any("Gains of small" in card for card in cards)
-    assert all(text.count("\n") < 12 for text in shown(notebook, "text/plain"))
-    assert len(shown(notebook, "image/png")) == 3
+    assert all(text.count("\n") < 12 for text in outputs_of(notebook, "text/plain"))
+    assert len(outputs_of(notebook, "image/png")) == 3
     assert (folder / "errors.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_a_run_keeps_the_text_of_a_block_that_a_cell_defines(executed):
-    folder, _ = executed
-    kept = read_run(folder / "mine.mcap").metadata
-    assert "class Mine:" in kept["controller.text"]
-    assert kept["controller"].startswith("Mine(k_x=")
+def test_a_run_keeps_the_text_of_a_block_that_a_cell_defines(executed_notebooks):
+    folder, _ = executed_notebooks
+    metadata = read_run(folder / "mine.mcap").metadata
+    assert "class Mine:" in metadata["controller.text"]
+    assert metadata["controller"].startswith("Mine(k_x=")

@@ -16,7 +16,7 @@ ROOT = Path(baqueano.__file__).parent
 PACKAGES = sorted(
     path
     for path in ROOT.rglob("__init__.py")
-    if any(made in path.read_text(encoding="utf-8") for made in ("on_demand(", "front_door("))
+    if any(maker in path.read_text(encoding="utf-8") for maker in ("on_demand(", "front_door("))
 )  # that of the front door is the first
 
 
@@ -24,11 +24,13 @@ def read_by_a_type_checker(path: Path) -> dict[str, tuple[str, str]]:
     """Name → (module, its name there), of the imports under `if TYPE_CHECKING`."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     branches = [
-        one for one in tree.body if isinstance(one, ast.If) and ast.unparse(one.test) == "TYPE_CHECKING"
+        branch_node
+        for branch_node in tree.body
+        if isinstance(branch_node, ast.If) and ast.unparse(branch_node.test) == "TYPE_CHECKING"
     ]
-    imports = [one for branch in branches for one in branch.body if isinstance(one, ast.ImportFrom)]
+    imports = [node for branch in branches for node in branch.body if isinstance(node, ast.ImportFrom)]
     return {
-        alias.asname or alias.name: (str(one.module), alias.name) for one in imports for alias in one.names
+        alias.asname or alias.name: (str(node.module), alias.name) for node in imports for alias in node.names
     }
 
 
@@ -42,15 +44,15 @@ def test_a_name_on_demand_is_that_of_its_module(path):
     package = package_of(path)
     modules = read_by_a_type_checker(path)
     assert modules
-    for name, (module, there) in modules.items():
+    for name, (module, member) in modules.items():
         room = import_module(f"baqueano.{name}") if module == "baqueano" else None
-        assert getattr(package, name) is (room or getattr(import_module(module), there))
+        assert getattr(package, name) is (room or getattr(import_module(module), member))
     assert all(hasattr(package, name) for name in package.__all__)
 
 
 @pytest.mark.parametrize("path", PACKAGES[1:], ids=lambda path: path.parent.name)
 def test_no_name_on_demand_is_hidden_by_a_submodule(path):
-    assert not {one.stem for one in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
+    assert not {entry.stem for entry in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
 
 
 def test_a_name_that_no_module_holds_is_not_an_attribute():
@@ -70,8 +72,8 @@ VERBS = ["compare", "identify", "report", "simulate", "tune"]  # called as the r
 
 def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
     rooms = "; ".join(f"import baqueano.{verb}" for verb in VERBS)
-    said = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
-    assert said == str(VERBS)
+    printed = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
+    assert printed == str(VERBS)
     assert (
         fresh("from baqueano.tune import TuneResult; import baqueano as bq; print(callable(bq.tune))")
         == "True"
@@ -80,8 +82,8 @@ def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
 
 def test_the_front_door_imports_nothing_before_it_is_used():
     new = "set(sys.modules) - before"
-    said = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
-    assert said == "baqueano baqueano.on_demand"
+    printed = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
+    assert printed == "baqueano baqueano.on_demand"
 
 
 def test_the_front_door_offers_the_verbs_of_the_command_line():

@@ -29,26 +29,26 @@ def test_rows_make_as_many_lines_as_there_are_rows():
 
 @given(st.text())
 def test_no_text_holds_a_control_character_afterwards(text):
-    shown = one_line(text)
-    assert not {unicodedata.category(c) for c in shown} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
-    assert printable(shown) == shown
-    assert text != text.strip() or not text.isprintable() or shown == text
+    line = one_line(text)
+    assert not {unicodedata.category(c) for c in line} & {"Cc", "Cf", "Cs", "Zl", "Zp"}
+    assert printable(line) == line
+    assert text != text.strip() or not text.isprintable() or line == text
 
 
 @given(
     st.recursive(st.none() | st.integers() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x))
 )
-def test_no_text_in_json_does(said):
+def test_no_text_in_json_does(data):
     def texts(value):
         if isinstance(value, dict):
             yield from value
             value = list(value.values())
-        for one in value if isinstance(value, list) else ():
-            yield from texts(one)
+        for element in value if isinstance(value, list) else ():
+            yield from texts(element)
         if isinstance(value, str):
             yield value
 
-    assert all(one_line(text) == text for text in texts(words(said)))
+    assert all(one_line(text) == text for text in texts(words(data)))
 
 
 def test_the_lines_of_a_drive_by_hand_move_no_cursor():

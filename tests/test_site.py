@@ -24,13 +24,13 @@ needs_sphinx = pytest.mark.skipif(
 
 def blocks(page):
     """Return (language, text) of each block of code, without comments and the words of drawings."""
-    found = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    return [(kind, without_comments(text)) for kind, text in found]
+    fences = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [(kind, without_comments(text)) for kind, text in fences]
 
 
 def without_comments(text):
     """Return what a machine reads."""
-    return [line for line in (re.sub(r"(^|\s+)#.*", "", one).rstrip() for one in text.splitlines()) if line]
+    return [line for line in (re.sub(r"(^|\s+)#.*", "", line).rstrip() for line in text.splitlines()) if line]
 
 
 def headings(page):
@@ -45,9 +45,9 @@ def test_every_page_for_students_exists_in_both_languages():
 
 @pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
 def test_a_page_has_the_same_code_and_the_same_parts_in_both_languages(name):
-    ours, theirs = DOCS / f"{name}.md", SPANISH / f"{name}.md"
-    assert blocks(theirs) == blocks(ours)
-    assert headings(theirs) == headings(ours)
+    english, spanish = DOCS / f"{name}.md", SPANISH / f"{name}.md"
+    assert blocks(spanish) == blocks(english)
+    assert headings(spanish) == headings(english)
 
 
 @pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
@@ -56,9 +56,9 @@ def test_a_spanish_page_leads_to_spanish_pages_and_has_decimal_commas(name):
     for link in re.findall(r"\]\(([^)\s#]+)[^)\s]*\)", text):
         if link.startswith("http"):
             continue
-        there = (SPANISH / link).resolve()
-        assert there.exists(), link
-        spanish = there.parent == DOCS and there.stem in FOR_STUDENTS
+        target = (SPANISH / link).resolve()
+        assert target.exists(), link
+        spanish = target.parent == DOCS and target.stem in FOR_STUDENTS
         assert not spanish, f"{link}: this page exists in Spanish"
     prose = re.sub(r"^```.*?^```$|`[^`\n]*`|\]\([^)]*\)|\[[^\]]*\]", "", text, flags=re.M | re.S)
     assert not re.findall(
@@ -75,9 +75,9 @@ def test_the_glossaries_have_the_same_terms():
             if line.startswith("| ")
         ]
 
-    ours, theirs = rows(DOCS / "glossary.md")[1:], rows(SPANISH / "glossary.md")[1:]
-    assert {(row[0], row[1]) for row in ours} == {(row[1], row[0]) for row in theirs}
-    terms = [row[0].lower() for row in theirs]
+    english, spanish = rows(DOCS / "glossary.md")[1:], rows(SPANISH / "glossary.md")[1:]
+    assert {(row[0], row[1]) for row in english} == {(row[1], row[0]) for row in spanish}
+    terms = [row[0].lower() for row in spanish]
     assert terms == sorted(terms, key=lambda word: word.translate(str.maketrans("áéíóúñ", "aeioun")))
 
 
@@ -95,7 +95,7 @@ def site(tmp_path_factory):
     return out
 
 
-class Fetched(HTMLParser):
+class AddressReader(HTMLParser):
     """Collect what a browser fetches by itself, and where links lead."""
 
     def __init__(self):
@@ -103,17 +103,17 @@ class Fetched(HTMLParser):
         self.fetched, self.links = list[str](), list[str]()
 
     def handle_starttag(self, tag, attrs):
-        named = dict(attrs)
+        attributes = dict(attrs)
         if tag in ("script", "img", "iframe", "source"):
-            self.fetched.append(named.get("src") or "")
+            self.fetched.append(attributes.get("src") or "")
         elif tag == "link":
-            self.fetched.append(named.get("href") or "")
+            self.fetched.append(attributes.get("href") or "")
         elif tag == "a":
-            self.links.append(named.get("href") or "")
+            self.links.append(attributes.get("href") or "")
 
 
-def parsed(page):
-    reader = Fetched()
+def page_parts(page):
+    reader = AddressReader()
     reader.feed(page.read_text(encoding="utf-8"))
     return reader
 
@@ -123,9 +123,9 @@ def test_the_site_needs_no_network_and_no_link_is_dead(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 40
     for page in pages:
-        read = parsed(page)
-        assert not [one for one in read.fetched if re.match(r"(https?:)?//", one)], page
-        for link in (*read.fetched, *read.links):
+        parts = page_parts(page)
+        assert not [address for address in parts.fetched if re.match(r"(https?:)?//", address)], page
+        for link in (*parts.fetched, *parts.links):
             path = re.sub(r"[#?].*", "", link)
             if path and not re.match(r"[a-z]+:", path):
                 assert (page.parent / path).exists(), f"{page.relative_to(site)}: {link}"
@@ -137,8 +137,8 @@ def test_the_site_needs_no_network_and_no_link_is_dead(site):
 def test_every_page_leads_to_itself_in_the_other_language(site):
     for name in FOR_STUDENTS:
         page = "index" if name == "README" else name
-        assert f"es/{page}.html" in parsed(site / f"{page}.html").links
-        assert f"../{page}.html" in parsed(site / "es" / f"{page}.html").links
+        assert f"es/{page}.html" in page_parts(site / f"{page}.html").links
+        assert f"../{page}.html" in page_parts(site / "es" / f"{page}.html").links
 
 
 @needs_sphinx
@@ -163,10 +163,10 @@ def test_both_searches_know_the_words_of_their_pages(site):
 def test_equations_are_mathml():
     from docs.site.mathematics import mathml
 
-    drawn = mathml(r"\dot\nu = f(\nu, u) \tag{3}", True)
-    assert "<math" in drawn
-    assert ">(3)<" in drawn
-    assert "tag" not in drawn
+    mathematics = mathml(r"\dot\nu = f(\nu, u) \tag{3}", True)
+    assert "<math" in mathematics
+    assert ">(3)<" in mathematics
+    assert "tag" not in mathematics
 
 
 @pytest.mark.skipif(find_spec("docutils") is None, reason="the site needs the extra docs")

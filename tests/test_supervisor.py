@@ -71,10 +71,10 @@ def test_each_reason_stops_and_is_named(c, e, reason):
 
 def test_rt6_a_silent_imu_stops_after_its_timeout_and_not_before():
     state, _ = answer(command(1, 0, 0), t=tick(1.0))
-    for t_s, stopped in ((1.2, 0.0), (1.5, 0.0), (1.51, 1.0)):
+    for t_s, is_stopped in ((1.2, 0.0), (1.5, 0.0), (1.51, 1.0)):
         state, out = answer(command(1, 0, 0), t=tick(t_s, has=0.0), state=state)
-        assert state.stopped == stopped
-        assert out.u[0] == 1.0 - stopped
+        assert state.stopped == is_stopped
+        assert out.u[0] == 1.0 - is_stopped
     assert stop_reason(state).code == StopReason.SENSOR_SILENT
 
 

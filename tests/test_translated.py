@@ -40,7 +40,7 @@ def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
             name = ast.unparse(node.func).rpartition(".")[2]
             if name in MARKS | OF_DEVELOPERS:
                 continue
-            node.keywords = [one for one in node.keywords if one.arg not in HELP]
+            node.keywords = [keyword for keyword in node.keywords if keyword.arg not in HELP]
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             continue  # a docstring
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and SENTENCE.search(node.value):
@@ -51,11 +51,11 @@ def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
 def test_a_sentence_is_translated_where_it_is_shown():
     bare = []
     for path in sorted(SOURCE.rglob("*.py")):
-        where = path.relative_to(SOURCE)
-        if where.parts[0] in ELSEWHERE or where.as_posix() in OTHER_TEXT:
+        place = path.relative_to(SOURCE)
+        if place.parts[0] in ELSEWHERE or place.as_posix() in OTHER_TEXT:
             continue
-        found = sentences(ast.parse(path.read_text(encoding="utf-8")))
-        bare += [f"{where}:{line}: {words!r}" for line, words in found if not TYPED.search(words)]
+        sentence_list = sentences(ast.parse(path.read_text(encoding="utf-8")))
+        bare += [f"{place}:{line}: {words!r}" for line, words in sentence_list if not TYPED.search(words)]
     assert bare == [], "write a template of messages/, or _(…)"
 
 

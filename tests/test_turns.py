@@ -31,10 +31,10 @@ def start(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     running = []
 
-    def start(how):
+    def start(mode):
         running.append(
             subprocess.Popen(
-                [sys.executable, "-c", RUN, "a-run", how], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                [sys.executable, "-c", RUN, "a-run", mode], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                 cwd=Path(__file__).parents[1],
             )
         )  # fmt: skip
@@ -60,15 +60,15 @@ def test_one_alone_waits_for_those_who_run_and_lets_nobody_pass(start):
     first, second = start("beside"), start("beside")
     assert int(first.stdout.readline())
     assert int(second.stdout.readline())  # both at once
-    alone = start("alone")
-    waits, _ = waiting(alone)
+    exclusive = start("alone")
+    waits, _ = waiting(exclusive)
     kept_out, came = waiting(start("beside"))  # though those who run would let it in
     for process in (first, second):
         end(process)
     waits.join(20.0)
     assert not waits.is_alive()
     assert kept_out.is_alive()
-    alone.kill()  # a process that dies leaves its turn
+    exclusive.kill()  # a process that dies leaves its turn
     kept_out.join(20.0)
     assert int(came[0])
 
@@ -79,17 +79,17 @@ def end(process):
 
 
 def test_one_that_runs_again_waits_for_the_others_to_leave(start):
-    again, beside = start("again"), start("beside")
-    assert int(again.stdout.readline())
-    assert int(beside.stdout.readline())
-    end(again)
-    waits, came = waiting(again)
-    end(beside)
+    shared_again, neighbour = start("again"), start("beside")
+    assert int(shared_again.stdout.readline())
+    assert int(neighbour.stdout.readline())
+    end(shared_again)
+    waits, came = waiting(shared_again)
+    end(neighbour)
     waits.join(20.0)
     assert int(came[0])
 
 
 def test_without_other_processes_nobody_waits():
-    begun = time.monotonic()
+    start_s = time.monotonic()
     with turn(True, ""), turn(True, ""):
-        assert time.monotonic() - begun < 20.0
+        assert time.monotonic() - start_s < 20.0

@@ -19,7 +19,7 @@ DEFINED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 def test_a_message_is_plain():
     for code, template in templates().items():
         bare = re.sub(r"\{[^{}]*\}", "x", template)
-        long = [one for one in re.split(r"[.;:!?] ", bare) if len(one.split()) > WORDS]
+        long = [sentence for sentence in re.split(r"[.;:!?] ", bare) if len(sentence.split()) > WORDS]
         assert not long, f"{code}: over {WORDS} words: {long}"
         assert not NEGATION.search(bare), f'{code}: say "is not a", "does not exist": {template}'
         assert not SAYING.search(bare), (
@@ -53,24 +53,31 @@ def sentences_of(page: str) -> list[str]:
     text = re.sub(r"^```.*?^```$", "", page, flags=re.MULTILINE | re.DOTALL)
     text = re.sub(r"!?\[[^\]]*\]\([^)]*\)|`[^`\n]*`", "x", text)
     parts = re.split(r"\n\s*\n|\n(?=\s*[-*#\d]+[. ])|\||^#.*$", text, flags=re.MULTILINE)
-    found = [one for part in parts for one in re.split(r"(?<=[.;:!?])[\s*)\"]+|[()]", " ".join(part.split()))]
-    return [one.strip() for one in found if one.strip()]
+    pieces = [
+        sentence
+        for part in parts
+        for sentence in re.split(r"(?<=[.;:!?])[\s*)\"]+|[()]", " ".join(part.split()))
+    ]
+    return [sentence.strip() for sentence in pieces if sentence.strip()]
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_is_plain(page):
     sentences = sentences_of((DOCS / page).read_text(encoding="utf-8"))
-    long = [one for one in sentences if len(SINGLE.findall(one)) > WORDS]
+    long = [sentence for sentence in sentences if len(SINGLE.findall(sentence)) > WORDS]
     assert not long, f"over {WORDS} words: {long}"
-    assert not [one for one in sentences if NEGATION.search(one)], 'say "is not a", "does not exist"'
+    assert not [sentence for sentence in sentences if NEGATION.search(sentence)], (
+        'say "is not a", "does not exist"'
+    )
 
 
-def nodes():
-    """Return the nodes of all rooms, with their file."""
-    for path in SOURCE.rglob("*.py"):
-        file = path.relative_to(SOURCE).as_posix()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            yield file, node
+def nodes(*folders: Path):
+    """Return the nodes of all rooms, or of these folders, with their file."""
+    for folder in folders or (SOURCE,):
+        for path in sorted(folder.rglob("*.py")):
+            file = path.relative_to(SOURCE if folder == SOURCE else DOCS).as_posix()
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                yield file, node
 
 
 def test_a_docstring_begins_with_a_verb_or_with_the_thing():
@@ -97,7 +104,9 @@ def sentences(docstring: str) -> list[str]:
         for line in docstring.split("\n")
     ]
     paragraphs = (part.replace("\n", " ") for part in "\n".join(lines).split("\n\n"))
-    return [one for part in paragraphs for one in re.split(r"(?<=[.;:!?]) +", part.strip()) if one]
+    return [
+        sentence for part in paragraphs for sentence in re.split(r"(?<=[.;:!?]) +", part.strip()) if sentence
+    ]
 
 
 def test_a_docstring_is_plain():
@@ -105,11 +114,11 @@ def test_a_docstring_is_plain():
     for file, node in nodes():
         if not isinstance(node, DEFINED):
             continue
-        for one in sentences(ast.get_docstring(node) or ""):
-            if NO_SUBJECT.search(one):
-                negated.append(f"{file}: {one}")
-            if len(one.split()) > WORDS and not EQUATION.search(one):
-                long.append(f"{file}: {one}")
+        for sentence in sentences(ast.get_docstring(node) or ""):
+            if NO_SUBJECT.search(sentence):
+                negated.append(f"{file}: {sentence}")
+            if len(sentence.split()) > WORDS and not EQUATION.search(sentence):
+                long.append(f"{file}: {sentence}")
     assert not long, f"over {WORDS} words: {long}"
     assert not negated, f"a subject and a verb: {negated}"
 
@@ -130,6 +139,7 @@ VERBS = {
     "says", "tells", "asks", "knows", "sees", "hears", "feels", "believes", "wants",
     "spoken", "sought", "wanted", "meant", "wished", "so_far", "what_is",
 }  # fmt: skip
+NAMED = SOURCE, DOCS / "tests", DOCS / "benchmarks", DOCS / "examples"
 
 
 def defined_names(node: ast.AST) -> list[str]:
@@ -144,13 +154,13 @@ def defined_names(node: ast.AST) -> list[str]:
 
 
 def test_no_name_is_a_verb_of_saying():
-    said = {
+    names = {
         f"{file}: {name}"
-        for file, node in nodes()
+        for file, node in nodes(*NAMED)
         for name in defined_names(node)
         if name.lstrip("_") in VERBS and not isinstance(node, ast.keyword | ast.alias)
     }
-    assert not said, f"name what it holds: {said}"
+    assert not names, f"name what it holds: {sorted(names)}"
 
 
 PARTICIPLE = re.compile(r"_?[A-Z][a-z]+(ed|aught|old|eld|een|own|awn)")  # a word alone, which lacks its noun
@@ -158,11 +168,11 @@ TERMS = {"Unscented", "Field", "Feed", "Screen"}  # of the field, and nouns that
 
 
 def test_a_class_is_called_by_a_noun():
-    alone = {
+    participles = {
         f"{file}: {node.name}"
         for file, node in nodes()
         if isinstance(node, ast.ClassDef)
         and PARTICIPLE.fullmatch(node.name)
         and node.name.lstrip("_") not in TERMS
     }
-    assert not alone, f"a participle is not a noun: {alone}"
+    assert not participles, f"a participle is not a noun: {participles}"

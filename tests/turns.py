@@ -29,10 +29,10 @@ def turn(
     places = [Path(tempfile.gettempdir()) / f"baqueano-{run}-{name}" for name in ("queue", "room")]
     with places[0].open("a+") as queue, places[1].open("a+") as room:
 
-        def enter(how: int) -> None:
+        def enter(lock: int) -> None:
             fcntl.lockf(room, fcntl.LOCK_UN)  # two who wait for each other to leave would wait for ever
             fcntl.lockf(queue, fcntl.LOCK_EX)
-            fcntl.lockf(room, how)
+            fcntl.lockf(room, lock)
             fcntl.lockf(queue, fcntl.LOCK_UN)
 
         enter(fcntl.LOCK_EX if alone else fcntl.LOCK_SH)

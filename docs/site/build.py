@@ -18,15 +18,20 @@ def build(out: Path) -> bool:
 
     out = out.resolve()
     with tempfile.TemporaryDirectory(prefix="baqueano-site-") as folder:
-        made = Path(folder)
-        Edition("en").write(made / "en", reference())
-        Edition("es").write(made / "es")
+        build_folder = Path(folder)
+        Edition("en").write(build_folder / "en", reference())
+        Edition("es").write(build_folder / "es")
         fine = all(
-            [_sphinx(made / "en", made / "site", "en"), _sphinx(made / "es", made / "site" / "es", "es")]
+            [
+                _sphinx(build_folder / "en", build_folder / "site", "en"),
+                _sphinx(build_folder / "es", build_folder / "site" / "es", "es"),
+            ]
         )
         if fine:
             shutil.rmtree(out, ignore_errors=True)
-            shutil.copytree(made / "site", out, ignore=shutil.ignore_patterns(".buildinfo", "objects.inv"))
+            shutil.copytree(
+                build_folder / "site", out, ignore=shutil.ignore_patterns(".buildinfo", "objects.inv")
+            )
     return fine
 
 
@@ -85,13 +90,13 @@ def settings(language: str) -> dict[str, Any]:
 def _languages(app: Any, page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
     """Put the way to the same page of the other language above each page; to its first page, where it has none."""
     language = app.config.language
-    other = "es" if language == "en" else "en"
-    there = page if page in {*Edition(other).sources, "search", "genindex"} else "index"
+    second = "es" if language == "en" else "en"
+    target_page = page if page in {*Edition(second).sources, "search", "genindex"} else "index"
     up = "../" * page.count("/")
-    target = f"{up}es/{there}.html" if other == "es" else f"../{up}{there}.html"
+    target = f"{up}es/{target_page}.html" if second == "es" else f"../{up}{target_page}.html"
     switch = (
         f'<p class="languages"><span lang="{language}">{NAMES[language]}</span> · '
-        f'<a href="{target}" lang="{other}" hreflang="{other}">{NAMES[other]}</a></p>'
+        f'<a href="{target}" lang="{second}" hreflang="{second}">{NAMES[second]}</a></p>'
     )
     context["body"] = switch + context.get("body", "")
 

@@ -22,34 +22,34 @@ def markdown(docstring: str) -> str:
 
 def _sections(lines: list[str]) -> Iterator[tuple[str, list[str]]]:
     """Return (heading, lines), the first without a heading."""
-    heading, held = "", list[str]()
+    heading, entries = "", list[str]()
     for k, line in enumerate(lines):
         if k + 1 < len(lines) and RULE.fullmatch(lines[k + 1]) and line.strip() and line[0] != " ":
-            yield heading, held
-            heading, held = line.strip(), []
+            yield heading, entries
+            heading, entries = line.strip(), []
         elif not (RULE.fullmatch(line) and k and lines[k - 1].strip() == heading):
-            held.append(line)
-    yield heading, held
+            entries.append(line)
+    yield heading, entries
 
 
 def _entries(lines: list[str]) -> Iterator[str]:
     """Return a list of what a section names: `name : type`, then its description, set in."""
-    name, said = "", list[str]()
+    name, content = "", list[str]()
 
-    def one() -> Iterator[str]:
+    def entry() -> Iterator[str]:
         if name:
             words, _, kind = name.partition(" : ")
             head = f"`{words.strip()}`" + (f", {escaped(kind.strip())}" if kind else "")
-            text = escaped(" ".join(line.strip() for line in said if line.strip()))
+            text = escaped(" ".join(line.strip() for line in content if line.strip()))
             yield f"- {head}" + (f": {text}" if text else "")
 
     for line in lines:
         if line.strip() and line[0] != " ":
-            yield from one()
-            name, said = line, []
+            yield from entry()
+            name, content = line, []
         else:
-            said.append(line)
-    yield from one()
+            content.append(line)
+    yield from entry()
     yield ""
 
 
@@ -63,7 +63,7 @@ def _blocks(lines: list[str]) -> Iterator[str]:
         elif part.startswith(("- ", "* ")):
             yield "\n".join(_item(line) for line in part.splitlines()) + "\n"
         else:
-            yield from _mixed(part.splitlines())
+            yield from _mixed_lines(part.splitlines())
 
 
 def _paragraphs(lines: list[str]) -> list[str]:
@@ -84,7 +84,7 @@ def _item(line: str) -> str:
     return mark.group() + escaped(line[mark.end() :])
 
 
-def _mixed(lines: list[str]) -> Iterator[str]:
+def _mixed_lines(lines: list[str]) -> Iterator[str]:
     """Return a paragraph whose last lines may be set in: an equation after its sentence."""
     cut = next((k for k, line in enumerate(lines) if line.startswith(SET_IN)), len(lines))
     if cut:
@@ -93,7 +93,7 @@ def _mixed(lines: list[str]) -> Iterator[str]:
     if cut < rest:
         yield "```text\n" + dedent("\n".join(lines[cut:rest])) + "\n```\n"
     if rest < len(lines):
-        yield from _mixed(lines[rest:])
+        yield from _mixed_lines(lines[rest:])
 
 
 def escaped(text: str) -> str:

@@ -21,18 +21,18 @@ log = logging.getLogger(__name__)
 def mathml(tex: str, block: bool, place: Any = None) -> str:
     """Return the MathML of `tex`; of an equation with \\tag{n}, its number beside it. A warning where it is wrong."""
     number = TAG.search(tex)
-    known = TAG.sub("", tex)
-    for found, same in SAME:
-        known = found.sub(same, known)
+    rest = TAG.sub("", tex)
+    for pattern, same in SAME:
+        rest = pattern.sub(same, rest)
     try:
-        drawn = tex2mathml(known, as_block=block)
+        mathematics = tex2mathml(rest, as_block=block)
     except MathError as error:
         log.warning("equation %s: %s", tex, error, location=place)
         return f"<code>{html.escape(tex)}</code>"
     if not block:
-        return drawn
-    beside = f'<span class="eqno">({html.escape(number.group(1))})</span>' if number else ""
-    return f'<div class="equation">{beside}{drawn}</div>'
+        return mathematics
+    equation_number = f'<span class="eqno">({html.escape(number.group(1))})</span>' if number else ""
+    return f'<div class="equation">{equation_number}{mathematics}</div>'
 
 
 def _inline(writer: Any, node: Any) -> None:

@@ -49,18 +49,18 @@ class Edition:
         if self.language == "es":
             return {_name(path.stem): path for path in sorted((DOCS / "es").glob("*.md"))}
         own = [*sorted(DOCS.glob("*.md")), *sorted((DOCS / "derivations").glob("*.md"))]
-        found = {_name(path.relative_to(DOCS).with_suffix("").as_posix()): path for path in own}
-        return found | ELSEWHERE
+        pages = {_name(path.relative_to(DOCS).with_suffix("").as_posix()): path for path in own}
+        return pages | ELSEWHERE
 
     def menu(self, more: tuple[str, ...] = ()) -> dict[str, list[str]]:
         """Return the pages below each heading; `more` are those that no file stands for."""
         have = {*self.sources, *more} - {"index"}
-        named = {name for names in ORDER.values() for name in names}
+        page_names = {name for names in ORDER.values() for name in names}
         out = {}
         for heading, names in ORDER.items():
             pages = [name for name in names if name in have]
             if heading == "How to":
-                pages += sorted(name for name in have - named if "/" not in name)
+                pages += sorted(name for name in have - page_names if "/" not in name)
             if heading == "Derivations":
                 pages += sorted(name for name in have if name.startswith("derivations/"))
             title = SPANISH[heading] if self.language == "es" else heading
@@ -75,9 +75,9 @@ class Edition:
             text = self._linked(path, folder)
             if name == "index":
                 text += _toctrees(self.menu(tuple(more)))
-            _put(folder / f"{name}.md", text)
+            _write_page(folder / f"{name}.md", text)
         for name, text in more.items():
-            _put(folder / f"{name}.md", text)
+            _write_page(folder / f"{name}.md", text)
 
     def _linked(self, path: Path, folder: Path) -> str:
         """Return the text of a page with the links of the site; code stays as it is."""
@@ -94,21 +94,21 @@ class Edition:
         if re.match(r"[a-z]+:|#", target):
             return match.group()
         file, _, anchor = target.partition("#")
-        there = (path.parent / file).resolve()
-        here = next(name for name, source in self.sources.items() if source == path)
-        up = "../" * here.count("/")
+        target_file = (path.parent / file).resolve()
+        own_name = next(name for name, source in self.sources.items() if source == path)
+        up = "../" * own_name.count("/")
         anchor = f"#{anchor}" if anchor else ""
-        if page := self._page(there):
+        if page := self._page(target_file):
             return f"[{label}]({up}{page}.md{anchor})"
-        if self.language == "es" and (page := Edition("en")._page(there)):
+        if self.language == "es" and (page := Edition("en")._page(target_file)):
             return f"[{label}](en:{page}.html{anchor})"
-        if there.is_dir():
+        if target_file.is_dir():
             return label
-        if not there.is_file():
+        if not target_file.is_file():
             return match.group()  # Sphinx names it
-        copy = there.relative_to(ROOT).as_posix()
+        copy = target_file.relative_to(ROOT).as_posix()
         (folder / "files" / copy).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(there, folder / "files" / copy)
+        shutil.copy(target_file, folder / "files" / copy)
         return f"{image}[{label}]({up}files/{copy})"
 
     def _page(self, file: Path) -> str | None:
@@ -120,7 +120,7 @@ def _name(stem: str) -> str:
     return "index" if stem == "README" else stem
 
 
-def _put(path: Path, text: str) -> None:
+def _write_page(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8", newline="\n")
 

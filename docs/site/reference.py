@@ -70,8 +70,8 @@ def _page(name: str, about: str, described: dict[int, str]) -> str:
         if inspect.ismodule(thing):
             parts.append(f"`{word}`: [its page]({_file(thing.__name__)}.md)\n")
         elif id(thing) in described and callable(thing):
-            there = described[id(thing)]
-            parts.append(f"`{word}`: see {{py:obj}}`{there}`\n")
+            target_name = described[id(thing)]
+            parts.append(f"`{word}`: see {{py:obj}}`{target_name}`\n")
         elif callable(thing):
             described[id(thing)] = f"{name}.{word}"
             parts.append(_entry(f"{name}.{word}", thing))
@@ -96,10 +96,10 @@ def _entry(name: str, thing: Any) -> str:
     if not inspect.isclass(thing):
         return _directive("function", name + signature(thing), markdown(inspect.getdoc(thing) or ""))
     text = inspect.getdoc(thing) or ""
-    made = dataclasses.is_dataclass(thing) and text.startswith(
+    is_dataclass = dataclasses.is_dataclass(thing) and text.startswith(
         f"{thing.__name__}("
     )  # by Python, not by a person
-    body = ["" if made else markdown(text), *_parameters(thing)]
+    body = ["" if is_dataclass else markdown(text), *_parameters(thing)]
     body += [_directive("method", word + signature(method, True), markdown(text), 3)
              for word, method, text in _methods(thing)]  # fmt: skip
     protocol = getattr(thing, "_is_protocol", False)
@@ -114,24 +114,24 @@ def _directive(kind: str, head: str, body: str, ticks: int = 4) -> str:
 def signature(thing: Any, method: bool = False) -> str:
     """Return arguments with their types, without modules; a default only where it is short."""
     try:
-        found = inspect.signature(thing)
+        signature_of = inspect.signature(thing)
     except (TypeError, ValueError):
         return "()"
     words, starred = [], False
-    for k, one in enumerate(found.parameters.values()):
-        if method and k == 0 and one.name in ("self", "cls"):
+    for k, parameter in enumerate(signature_of.parameters.values()):
+        if method and k == 0 and parameter.name in ("self", "cls"):
             continue
-        if one.kind is one.KEYWORD_ONLY and not starred:
+        if parameter.kind is parameter.KEYWORD_ONLY and not starred:
             words.append("*")
-        starred = starred or one.kind in (one.KEYWORD_ONLY, one.VAR_POSITIONAL)
-        mark = {one.VAR_POSITIONAL: "*", one.VAR_KEYWORD: "**"}.get(one.kind, "")
-        text = f"{mark}{one.name}"
-        if kind := _type(one.annotation):
+        starred = starred or parameter.kind in (parameter.KEYWORD_ONLY, parameter.VAR_POSITIONAL)
+        mark = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+        text = f"{mark}{parameter.name}"
+        if kind := _type(parameter.annotation):
             text += f": {kind}"
-        if one.default is not one.empty:
-            text += f" = {_default(one.default)}"
+        if parameter.default is not parameter.empty:
+            text += f" = {_default(parameter.default)}"
         words.append(text)
-    kind = _type(found.return_annotation)
+    kind = _type(signature_of.return_annotation)
     return f"({', '.join(words)})" + (f" -> {kind}" if kind and not inspect.isclass(thing) else "")
 
 
@@ -153,9 +153,9 @@ def _parameters(thing: Any) -> Iterator[str]:
     if not dataclasses.is_dataclass(thing):
         return
     rows = [
-        f"| `{field.name}` | {one.unit.replace('|', '')} | {markdown(one.meaning).strip()} |"
+        f"| `{field.name}` | {parameter.unit.replace('|', '')} | {markdown(parameter.meaning).strip()} |"
         for field in dataclasses.fields(thing)
-        if (one := field.metadata.get("parameter")) is not None
+        if (parameter := field.metadata.get("parameter")) is not None
     ]
     if rows:
         yield "\n".join(["", "| parameter | unit | meaning |", "|---|---|---|", *rows, ""])

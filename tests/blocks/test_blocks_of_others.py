@@ -65,12 +65,12 @@ def run_that_names(kind: str, path: Path) -> Path:
 
 
 def causes(error: FileError) -> list[str]:
-    found, left = [], [error.diagnostic]
-    while left:
-        one = left.pop()
-        found.append(one.code)
-        left += [figure for figure in one.figures.values() if hasattr(figure, "code")]
-    return found
+    causes, remaining = [], [error.diagnostic]
+    while remaining:
+        diagnostic = remaining.pop()
+        causes.append(diagnostic.code)
+        remaining += [figure for figure in diagnostic.figures.values() if hasattr(figure, "code")]
+    return causes
 
 
 def test_own_text_beside_the_own_vehicle_file_runs_as_before(tmp_path, mark):
@@ -87,37 +87,39 @@ def test_a_vehicle_file_below_the_folder_of_the_user_may_name_text_of_that_folde
 
 @pytest.mark.parametrize("way", ["absolute", "upwards", "where the user stands", "by a link"])
 def test_a_vehicle_file_that_names_text_from_elsewhere_is_asked_for(tmp_path, mark, monkeypatch, way):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     home = tmp_path / "lab"
-    kind = {"absolute": f"{theirs}:Mine", "upwards": "../elsewhere/theirs.py:Mine"}.get(way, "theirs.py:Mine")
+    kind = {"absolute": f"{outside_file}:Mine", "upwards": "../elsewhere/theirs.py:Mine"}.get(
+        way, "theirs.py:Mine"
+    )
     file = vehicle_at(home / "vehicle.toml", kind)
-    monkeypatch.chdir(home if way != "where the user stands" else theirs.parent)
+    monkeypatch.chdir(home if way != "where the user stands" else outside_file.parent)
     if way == "by a link":
-        (home / "theirs.py").symlink_to(theirs)
-    with pytest.raises(FileError) as refused:
+        (home / "theirs.py").symlink_to(outside_file)
+    with pytest.raises(FileError) as error_info:
         load(file)
-    assert "block.elsewhere" in causes(refused.value)
+    assert "block.elsewhere" in causes(error_info.value)
     assert not mark.exists(), "nothing of it was executed"
     load(file, allow_blocks=True).controller()
     assert mark.exists()
 
 
 def test_a_file_without_its_class_is_not_executed_to_list_its_classes(tmp_path, mark, monkeypatch):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
-    file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(theirs))
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(outside_file))
     monkeypatch.chdir(file.parent)
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         load(file)
-    assert "block.elsewhere" in causes(refused.value)
+    assert "block.elsewhere" in causes(error_info.value)
     assert not mark.exists()
 
 
 def test_a_run_that_names_text_of_this_folder_is_asked_for(tmp_path, mark):
     text_at(tmp_path / "mine.py", mark)
     run = read_run(run_that_names("mine.py:Mine", tmp_path / "sent.mcap"))
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         replay(run)
-    assert "block.in-run" in causes(refused.value)
+    assert "block.in-run" in causes(error_info.value)
     assert not mark.exists()
     assert len(replay(run, allow_blocks=True).t_ns) == len(run.t_ns)
     assert mark.exists()
@@ -134,16 +136,16 @@ def test_the_own_vehicle_file_of_the_folder_answers_for_its_blocks(tmp_path, mar
     "kind", ["{theirs}:Mine", "../elsewhere/theirs.py:Mine", "~/theirs.py:Mine", "~/no.py:Mine"]
 )
 def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, monkeypatch, kind):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
-    monkeypatch.setenv("HOME", str(theirs.parent))
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    monkeypatch.setenv("HOME", str(outside_file.parent))
     lab = tmp_path / "lab"
-    run = read_run(run_that_names(kind.format(theirs=theirs), lab / "sent.mcap"))
+    run = read_run(run_that_names(kind.format(theirs=outside_file), lab / "sent.mcap"))
     monkeypatch.chdir(lab)
-    blocks.read(str(theirs))  # even where the user has executed it
+    blocks.read(str(outside_file))  # even where the user has executed it
     mark.unlink()
-    with pytest.raises(FileError) as refused:
+    with pytest.raises(FileError) as error_info:
         replay(run, allow_blocks=True)
-    assert "block.in-run-elsewhere" in causes(refused.value)
+    assert "block.in-run-elsewhere" in causes(error_info.value)
     assert not mark.exists()
 
 
@@ -151,22 +153,22 @@ def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, m
 def test_models_and_sensors_out_of_a_run_are_asked_for_too(tmp_path, mark, table):
     text_at(tmp_path / "mine.py", mark)
     run = read_run(run_that_names("pd_feedforward", tmp_path / "sent.mcap"))
-    ours = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
-    object.__setattr__(run, "vehicle_text", run.vehicle_text.replace(ours, 'kind = "mine.py:Mine"'))
-    with pytest.raises(FileError) as refused:
+    kind_line = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
+    object.__setattr__(run, "vehicle_text", run.vehicle_text.replace(kind_line, 'kind = "mine.py:Mine"'))
+    with pytest.raises(FileError) as error_info:
         vehicle_of(run)
-    assert "block.in-run" in causes(refused.value)
+    assert "block.in-run" in causes(error_info.value)
     assert not mark.exists()
 
 
 def test_what_the_user_types_is_executed(tmp_path, mark):
-    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
-    load("small").controller(f"{theirs}:Mine")
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    load("small").controller(f"{outside_file}:Mine")
     assert mark.exists()
     mark.unlink()
     blocks._trusted_files.clear()
     blocks._modules.clear()
-    override(load("small"), [f"controller.kind={theirs}:Mine"]).controller()
+    override(load("small"), [f"controller.kind={outside_file}:Mine"]).controller()
     assert mark.exists()
 
 
@@ -186,9 +188,11 @@ def test_the_command_line_says_what_to_type_and_goes_on_with_it(tmp_path, mark, 
     for words, code, ran in ((line, 3, False), ([*line, "--allow-blocks"], 0, True), (line, 3, False)):
         blocks._trusted_files.clear()
         mark.unlink(missing_ok=True)
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as exit_info:
             main(words)
-        assert (int(ended.value.code or 0), mark.exists() or not ran) == (code, True), capsys.readouterr().err
+        assert (int(exit_info.value.code or 0), mark.exists() or not ran) == (code, True), (
+            capsys.readouterr().err
+        )
 
 
 def test_the_truth_of_a_simulation_stands_beside_its_file(tmp_path):
@@ -197,9 +201,9 @@ def test_the_truth_of_a_simulation_stands_beside_its_file(tmp_path):
     file.parent.mkdir()
     for truth in ("../elsewhere.toml", str(tmp_path / "elsewhere.toml")):
         file.write_text(f"{load('small').text}\n[simulation]\ntruth = {truth!r}\n", encoding="utf-8")
-        with pytest.raises(FileError) as refused:
+        with pytest.raises(FileError) as error_info:
             experiment(load(file), np.zeros((5, 3)))
-        assert refused.value.diagnostic.code == "vehicle.truth-elsewhere"
+        assert error_info.value.diagnostic.code == "vehicle.truth-elsewhere"
 
 
 @pytest.mark.parametrize("checksum", ["0", "wrong"])
@@ -211,5 +215,5 @@ def test_a_vehicle_text_without_its_checksum_is_not_believed(tmp_path, checksum)
     path.write_bytes(data)
     run = read_run(path)
     assert run.vehicle_text == ""
-    assert "run.vehicle-file-lost" in [one.code for one in run.notes]
+    assert "run.vehicle-file-lost" in [note.code for note in run.notes]
     assert len(run.t_ns) == 6, "the rest is whole"

@@ -288,14 +288,14 @@ BROKEN = {
 def test_id12_what_the_author_reads(tmp_path, case):
     room, old, new, expected = BROKEN[case]
     assert GOOD[room].count(old) >= 1
-    found = findings_about(tmp_path, room, GOOD[room].replace(old, new, 1))
+    findings = findings_about(tmp_path, room, GOOD[room].replace(old, new, 1))
     for code, figures in expected:
-        alike = [one for one in found if one.code == code]
-        assert any(figures.items() <= said(one).items() for one in alike), found
-    assert all(one.figures["place"].startswith("mine.py line ") for one in found)
+        alike = [finding for finding in findings if finding.code == code]
+        assert any(figures.items() <= figures_of(finding).items() for finding in alike), findings
+    assert all(finding.figures["place"].startswith("mine.py line ") for finding in findings)
 
 
-def said(one):
+def figures_of(diagnostic):
     """The figures with the subject, of a cause its code."""
-    codes = {name: getattr(value, "code", value) for name, value in one.figures.items()}
-    return codes | {"subject": one.subject}
+    codes = {name: getattr(value, "code", value) for name, value in diagnostic.figures.items()}
+    return codes | {"subject": diagnostic.subject}

@@ -35,5 +35,5 @@ def test_a_function_is_not_a_block():
         return state, None
 
     assert ("check.no-method", "step") in [
-        (one.code, one.figures.get("name")) for one in check("guide", step)
+        (finding.code, finding.figures.get("name")) for finding in check("guide", step)
     ]

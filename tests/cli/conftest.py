@@ -37,18 +37,18 @@ class DriveEnded(NamedTuple):
     def fix(self) -> str:
         """What to type next."""
         assert self.ending is not None
-        found = self.ending.next or self.why
-        assert found.fix in self.paragraph
-        return found.fix
+        reason = self.ending.next or self.why
+        assert reason.fix in self.paragraph
+        return reason.fix
 
     @property
     def paragraph(self) -> str:
         """The one paragraph of an error, without what was said before it."""
-        said = self.err[self.err.index("baqueano: ") :]
+        message = self.err[self.err.index("baqueano: ") :]
         assert "Traceback" not in self.err
-        assert "\n\n" not in said.strip()
-        assert "\nbaqueano: " not in said
-        return said.strip()
+        assert "\n\n" not in message.strip()
+        assert "\nbaqueano: " not in message
+        return message.strip()
 
     @property
     def reply(self) -> dict[str, Any]:
@@ -62,23 +62,25 @@ class DriveEnded(NamedTuple):
 def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., DriveEnded]:
     """`baqueano("runs", "ls")` in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    ended: list[errors.CommandError] = []
+    endings: list[errors.CommandError] = []
 
-    def kept(error: BaseException, args: list[str], made=errors.command_error) -> errors.CommandError:
-        ended.append(made(error, args))
-        return ended[-1]
+    def keep_error(
+        error: BaseException, args: list[str], make_error=errors.command_error
+    ) -> errors.CommandError:
+        endings.append(make_error(error, args))
+        return endings[-1]
 
-    monkeypatch.setattr(errors, "command_error", kept)
+    monkeypatch.setattr(errors, "command_error", keep_error)
 
-    def typed(*args: str) -> DriveEnded:
+    def run_line(*args: str) -> DriveEnded:
         capsys.readouterr()
-        ended.clear()
+        endings.clear()
         with pytest.raises(SystemExit) as end:
             main(list(args))
         out, err = capsys.readouterr()
-        return DriveEnded(int(end.value.code or 0), out, err, *ended)
+        return DriveEnded(int(end.value.code or 0), out, err, *endings)
 
-    return typed
+    return run_line
 
 
 @pytest.fixture(scope="session")

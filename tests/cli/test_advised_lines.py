@@ -23,14 +23,14 @@ OPEN = "1"  # in the place of a word that is known when the line is made
 
 def of_call(node):
     """The words of typed(…), several at once taken as one and as none."""
-    several = any(isinstance(one, ast.Starred) for one in node.args)
-    for put in ([OPEN], []) if several else ([],):
+    several = any(isinstance(argument, ast.Starred) for argument in node.args)
+    for prefix in ([OPEN], []) if several else ([],):
         words = []
-        for one in node.args:
+        for argument in node.args:
             words += (
-                put
-                if isinstance(one, ast.Starred)
-                else [one.value if isinstance(one, ast.Constant) else OPEN]
+                prefix
+                if isinstance(argument, ast.Starred)
+                else [argument.value if isinstance(argument, ast.Constant) else OPEN]
             )
         yield words
 
@@ -43,20 +43,22 @@ def verb_of(node):
 def advised():
     """Each advised line as the ways to read its words, with where it stands."""
     for path in sorted(SOURCE.rglob("*.py")):
-        where = path.relative_to(SOURCE)
+        place = path.relative_to(SOURCE)
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "typed" and verb_of(node):
-                yield f"{where}:{node.lineno}", list(of_call(node))
+                yield f"{place}:{node.lineno}", list(of_call(node))
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                found = re.fullmatch(rf"baqueano ((?:{'|'.join(VERBS)})\b[^.]*(?:\.toml[^.]*)?)", node.value)
-                if found and "\n" not in node.value:
-                    yield f"{where}:{node.lineno}", [found[1].split()]
+                command = re.fullmatch(
+                    rf"baqueano ((?:{'|'.join(VERBS)})\b[^.]*(?:\.toml[^.]*)?)", node.value
+                )
+                if command and "\n" not in node.value:
+                    yield f"{place}:{node.lineno}", [command[1].split()]
     for code, template in templates().items():
         for line in LINE.findall(template):
             yield code, [line.split()]
 
 
-def parsed(words):
+def parse_line(words):
     """The context of a command, None of one that shows a help; click's error or KeyError where it is none."""
     words = [OPEN if word.startswith("{") else word for word in words]
     command, rest = command_of(words[0]), words[1:]
@@ -76,22 +78,24 @@ def test_lines_are_found():
     assert len(LINES) > 50
 
 
-@pytest.mark.parametrize(("where", "readings"), LINES, ids=[where for where, _ in LINES])
-def test_each_advised_line_can_be_typed(where, readings):
+@pytest.mark.parametrize(("place", "readings"), LINES, ids=[place for place, _ in LINES])
+def test_each_advised_line_can_be_typed(place, readings):
     wrong = []
     for words in readings:
         try:
-            parsed(words)
+            parse_line(words)
             return
         except (click.ClickException, KeyError) as error:
             wrong.append(error)
-    raise AssertionError(f"{where}: baqueano {' '.join(map(str, readings[0]))}: {wrong[0]!r}")
+    raise AssertionError(f"{place}: baqueano {' '.join(map(str, readings[0]))}: {wrong[0]!r}")
 
 
 def test_no_line_is_put_together_without_quotes():
     unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(VERBS)}) [^\"]*\{{")
-    found = [path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))]
-    assert found == []
+    offenders = [
+        path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))
+    ]
+    assert offenders == []
 
 
 def test_a_line_is_quoted_as_the_shell_wants_it(monkeypatch):
@@ -102,7 +106,7 @@ def test_a_line_is_quoted_as_the_shell_wants_it(monkeypatch):
 
 def test_the_next_lines_of_a_new_project_can_be_typed(baqueano, tmp_path):
     end = baqueano("new", "my lab")
-    line, then = (one.partition(": ")[2].strip() for one in end.err.strip().splitlines()[-2:])
+    line, then = (text.partition(": ")[2].strip() for text in end.err.strip().splitlines()[-2:])
     assert line == "cd 'my lab'"
     assert then == "baqueano experiment"
     assert (
@@ -154,7 +158,7 @@ def test_a_width_without_figures_is_refused(baqueano, lab):
     assert baqueano("report", run, "--width", "nine").why.code == "front.width-unknown"
     end = baqueano("report", run, "--width", "column")
     assert (end.code, end.why.code) == (2, "cli.width-unused")
-    assert parsed(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
+    assert parse_line(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
 
 
 def test_update_on_a_file_without_an_estimator_writes_the_noise(baqueano, lab, tmp_path):
@@ -168,7 +172,7 @@ def test_update_on_a_file_without_an_estimator_writes_the_noise(baqueano, lab, t
         ).code
         == 0
     )
-    written = (tmp_path / "mine.toml").read_text(encoding="utf-8")
-    assert "measurement_noise_cov" in written
-    assert "[estimator]" in written
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert "measurement_noise_cov" in text
+    assert "[estimator]" in text
     assert baqueano("replay", run, "--vehicle", "mine.toml").code == 0

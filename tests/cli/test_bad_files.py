@@ -10,7 +10,7 @@ from baqueano.vehicle_file import load
 
 
 @pytest.mark.parametrize(
-    ("pattern", "put", "place", "code"),
+    ("pattern", "replacement", "place", "code"),
     [
         (r"mass_kg = 0.61.*\n", "", "[model]", "vehicle.model-lacks"),
         (r"mass_kg = 0.61", "mas_kg = 0.61", "line 21, [model]", "vehicle.key-unknown"),
@@ -23,9 +23,11 @@ from baqueano.vehicle_file import load
         (r'kind = "pd_feedforward"', 'kind = "pid"', "[controller]", "block.unknown"),
     ],
 )
-def test_a_wrong_vehicle_file_is_reported_by_file_line_and_key(baqueano, tmp_path, pattern, put, place, code):
-    text, changed = re.subn(pattern, put, load("small").text, count=1)
-    assert changed
+def test_a_wrong_vehicle_file_is_reported_by_file_line_and_key(
+    baqueano, tmp_path, pattern, replacement, place, code
+):
+    text, count = re.subn(pattern, replacement, load("small").text, count=1)
+    assert count
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     end = baqueano("experiment", "--vehicle", "mine.toml", "--seconds", "1")
     assert (end.code, end.out) == (3, "")
@@ -78,13 +80,13 @@ def test_a_missing_run_is_reported_with_what_there_is(baqueano, verb):
 def test_a_cut_run_is_read_as_far_as_it_goes_and_says_so(baqueano, lab, tmp_path):
     whole = (lab / "runs" / "0001-experiment.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: 2 * len(whole) // 3])
-    shown = baqueano("runs", "show", "cut.mcap", "--json")
-    assert shown.code == 0
-    assert shown.reply["rows"][0]["count"] > 100
-    assert "cut.mcap was not closed" in shown.err
-    saved = baqueano("runs", "recover", "cut.mcap")
-    assert saved.code == 0
-    assert "cut-recovered.mcap" in saved.out
+    listing = baqueano("runs", "show", "cut.mcap", "--json")
+    assert listing.code == 0
+    assert listing.reply["rows"][0]["count"] > 100
+    assert "cut.mcap was not closed" in listing.err
+    recovery = baqueano("runs", "recover", "cut.mcap")
+    assert recovery.code == 0
+    assert "cut-recovered.mcap" in recovery.out
     assert "not closed" not in baqueano("runs", "show", "cut-recovered.mcap").err
     assert len((tmp_path / "cut.mcap").read_bytes()) == 2 * len(whole) // 3, "the original stays as it is"
 

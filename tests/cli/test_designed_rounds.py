@@ -22,26 +22,26 @@ def quick(monkeypatch):
 @pytest.fixture
 def one_noise(monkeypatch):
     """Error bars that take the noise for the same all along the run."""
-    monkeypatch.setattr(summary, "no_smaller", lambda problem, cov, told, k, by_piece: cov)
+    monkeypatch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_piece: cov)
 
 
 def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick, one_noise, tmp_path):
-    told = ("--signal", "designed", "--known", "--rounds", "2", "--seconds", "8", "--update", "--json")
-    end = baqueano("experiment", "--vehicle", "small", "--robot", "simulated:small", *told)
+    arguments = ("--signal", "designed", "--known", "--rounds", "2", "--seconds", "8", "--update", "--json")
+    end = baqueano("experiment", "--vehicle", "small", "--robot", "simulated:small", *arguments)
     assert end.code == 0, end.err
     rows = {(row["round"], row["name"]): row for row in end.reply["rows"]}
-    found = rows[2, NAME]["estimate"]
+    estimate = rows[2, NAME]["estimate"]
     text = (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
-    assert tomllib.loads(text)["model"]["actuator_matrix"][0][0] == pytest.approx(found, rel=1e-6)
-    assert found != load("small").value(NAME)
+    assert tomllib.loads(text)["model"]["actuator_matrix"][0][0] == pytest.approx(estimate, rel=1e-6)
+    assert estimate != load("small").value(NAME)
     assert rows[2, NAME]["relative_sd"] < rows[1, NAME]["relative_sd"]
     paths = sorted((tmp_path / "runs").iterdir())
     assert len(paths) == 2
     assert all(read_run(path).duration_s == pytest.approx(8.0, abs=0.02) for path in paths)
-    again = baqueano("identify", "1", "2", "--free", NAME, "--no-noise", "--json")
-    assert again.code == 0, again.err
-    (row,) = again.reply["rows"]
-    assert row["estimate"] == pytest.approx(found, rel=0.02)
+    second = baqueano("identify", "1", "2", "--free", NAME, "--no-noise", "--json")
+    assert second.code == 0, second.err
+    (row,) = second.reply["rows"]
+    assert row["estimate"] == pytest.approx(estimate, rel=0.02)
 
 
 @pytest.mark.parametrize(("room", "code"), [("1.5,2", "room.unreadable"), ("0.1x0.1", "room.small")])

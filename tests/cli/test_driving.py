@@ -18,7 +18,7 @@ from baqueano.diagnostics import StopReason
 from baqueano.drive.by_hand.terminal_heartbeat import GONE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
-from tests.drive.test_closure import driven
+from tests.drive.test_closure import drive_of_turns
 
 pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
@@ -39,7 +39,7 @@ class Terminal:
     def __init__(self, folder, *words, kitty=True, there=True, gone_s=15.0):
         import termios
 
-        self.there, self.kitty, self.heard, self.over = there, kitty, b"", False
+        self.there, self.kitty, self.output, self.over = there, kitty, b"", False
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         environment = {k: v for k, v in os.environ.items() if not k.startswith("SSH_")}
@@ -52,12 +52,12 @@ class Terminal:
 
     def until(self, pattern, within_s=40.0):
         """Waits until the screen has shown this."""
-        assert self.shows(pattern, within_s), self.heard[-2000:].decode(errors="replace")
+        assert self.shows(pattern, within_s), self.output[-2000:].decode(errors="replace")
 
     def shows(self, pattern, within_s):
         """Whether the screen shows this within the time, of a process that lives or whose end was waited for."""
         end = time.monotonic() + within_s
-        while not re.search(pattern, self.heard):
+        while not re.search(pattern, self.output):
             if time.monotonic() > end or not (self.over or self.process.poll() is None):
                 return False
             time.sleep(0.05)
@@ -94,7 +94,7 @@ class Terminal:
                 data = os.read(master, 4096)
             except OSError:  # the other side is closed
                 return
-            self.heard += data
+            self.output += data
             if self.there:
                 answers = b"\x1b[?0u" * (self.kitty and b"\x1b[?u" in data) + b"\x1b[0n" * data.count(
                     b"\x1b[5n"
@@ -105,15 +105,15 @@ class Terminal:
 
 @pytest.fixture
 def terminal(tmp_path):
-    made = []
+    terminals = []
 
-    def make(*words, **how):
-        made.append(Terminal(tmp_path, *words, **how))
-        return made[-1]
+    def make(*words, **options):
+        terminals.append(Terminal(tmp_path, *words, **options))
+        return terminals[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for terminal in terminals:
+        terminal.close()
 
 
 def moving(run):
@@ -140,8 +140,8 @@ def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_p
     assert run.applied[-1, 0] == 0.0
     assert termios.tcgetattr(screen.slave) == screen.before
     screen.until(rb"(?s)\x1b\[<u.*\x1b\[\?25h|\x1b\[\?25h.*\x1b\[<u")  # its last words are on their way still
-    assert screen.heard.count(b"\x1b[>11u") == screen.heard.count(b"\x1b[<u") == 1
-    assert screen.heard.rindex(b"\x1b[?25h") > screen.heard.rindex(b"\x1b[?25l")
+    assert screen.output.count(b"\x1b[>11u") == screen.output.count(b"\x1b[<u") == 1
+    assert screen.output.rindex(b"\x1b[?25h") > screen.output.rindex(b"\x1b[?25l")
 
 
 def test_a_set_point_below_the_dead_zone_of_the_file_is_reported_on_the_screen(terminal):
@@ -165,7 +165,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     assert stop_of(run).code == StopReason.TERMINAL_SILENT
     assert run.applied[-1, 0] == 0.0  # when: tests/emulated/test_driving.py
     assert len(moving(run)) > 50
-    assert b"\x1b[?25h" in screen.heard
+    assert b"\x1b[?25h" in screen.output
 
 
 def test_rt12_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(terminal, tmp_path):
@@ -219,23 +219,23 @@ def test_teach_with_keys_leaves_a_route(terminal, tmp_path):
 
 
 def test_without_a_terminal_it_says_what_to_type(baqueano):
-    ended = baqueano("drive", "--vehicle", "small")
-    assert ended.code == 2
-    assert "ssh -t" in ended.paragraph
+    end = baqueano("drive", "--vehicle", "small")
+    assert end.code == 2
+    assert "ssh -t" in end.paragraph
 
 
 def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
-    ended = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
-    assert ended.code == 2
-    assert ended.why.code == "cli.emulated-by-hand"
+    end = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
+    assert end.code == 2
+    assert end.why.code == "cli.emulated-by-hand"
 
 
 def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
-    run = driven(vehicle_file.load("small"), [4.0 * np.pi])
-    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **how: run)
-    said = baqueano("drive", "--vehicle", "small", "--json")
-    assert "type: --set sensors.imu.gyro_scale=0.9" in said.err
-    (row,) = said.reply["rows"]
+    run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
+    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **options: run)
+    end = baqueano("drive", "--vehicle", "small", "--json")
+    assert "type: --set sensors.imu.gyro_scale=0.9" in end.err
+    (row,) = end.reply["rows"]
     assert row["sensors.imu.gyro_scale"] == pytest.approx(0.97, abs=0.01)
     assert row["marks"] == 2
     assert not Path("vehicle.toml").exists()
@@ -244,9 +244,9 @@ def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano
 
 
 def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
-    run = driven(vehicle_file.load("small"), [4.0 * np.pi])
+    run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
-        "baqueano.cli.driving.drive.by_hand", lambda *args, **how: replace(run, events=run.events[-1:])
+        "baqueano.cli.driving.drive.by_hand", lambda *args, **options: replace(run, events=run.events[-1:])
     )
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 
@@ -256,27 +256,27 @@ def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, b
     monkeypatch.setattr(
         "baqueano.drive.by_hand.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"]
     )
-    said = baqueano("drive", "--vehicle", "small")
-    assert "tmux answers in place of your terminal" in said.err
-    assert said.code == 2
+    end = baqueano("drive", "--vehicle", "small")
+    assert "tmux answers in place of your terminal" in end.err
+    assert end.code == 2
 
 
 def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
     text = vehicle_file.override(vehicle_file.load("small"), ("model.drivetrain.gain=[1.1,0.9]",)).text
     (tmp_path / "unequal.toml").write_text(text, encoding="utf-8")
-    for words, shown in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
+    for words, pattern in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
         out = f"run{len(words)}.mcap"
         screen = terminal(*DRIVE[:3], "--robot", "simulated:unequal.toml", "-o", out, *words)
         screen.until(rb"terminal \d+ ms")
         screen.type(W_DOWN)
         screen.until(rb"speed +0\.[1-9]")
-        screen.until(shown)
+        screen.until(pattern)
         screen.type(b"\x1b[113;1:1u")
         assert screen.ends() == 0
         assert np.any(read_run(tmp_path / out).requested[:, 2]) == (not words)
 
 
 def test_who_does_not_drive_holds_nothing(baqueano):
-    ended = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
-    assert ended.code == 2
-    assert (ended.why.code, ended.why.figures["driver"]) == ("cli.hand-options", "circle")
+    end = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
+    assert end.code == 2
+    assert (end.why.code, end.why.figures["driver"]) == ("cli.hand-options", "circle")

@@ -36,9 +36,9 @@ def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
 def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
     from baqueano.tune.rehearsal import rehearse
 
-    typed = {param.name: param.default for param in tune.params}
+    defaults = {param.name: param.default for param in tune.params}
     for name in ("jerk_m2", "aside_m"):
-        assert typed[name] == signature(rehearse).parameters[name].default == 0.1
+        assert defaults[name] == signature(rehearse).parameters[name].default == 0.1
 
 
 def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baqueano, tmp_path, monkeypatch):
@@ -46,8 +46,8 @@ def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baq
     assert "guesses" in baqueano("new", "mylab").err
     monkeypatch.chdir(tmp_path / "mylab")
     assert load("vehicle.toml").provenance["model"] == ("a guess", None, None, "GUESS")
-    taught = baqueano("teach", "lab", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
-    for end in (taught, baqueano("repeat", "lab")):
+    lesson = baqueano("teach", "lab", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
+    for end in (lesson, baqueano("repeat", "lab")):
         assert end.code == 0
         assert end.err.count(advice) == 1, "no refusal, one sentence"
     assert baqueano("experiment", "--seconds", "20").code == 0
@@ -68,8 +68,8 @@ def test_a_new_project_drives_another_vehicle_than_its_file_describes(baqueano, 
         assert guess.guessed
         assert guess.truth.layers == (f"garage: {name}",)
         key = "model.friction.linear" if name != "car" else "model.linear_drag"
-        believed, true = guess.value(key), guess.truth.value(key)
-        assert np.all(np.abs(believed - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
+        guesses, true = guess.value(key), guess.truth.value(key)
+        assert np.all(np.abs(guesses - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
         sds = [origin.sd for origin in guess.provenance.values() if origin.sd is not None]
         assert sds, "a guess says how far off it may be"
     guess, u = load(tmp_path / "small" / "vehicle.toml"), np.tile([0.6, 0.0, 0.1], (100, 1))
@@ -119,10 +119,10 @@ def test_a_file_before_any_fit_replays_a_run_with_any_estimator(baqueano, kind):
     baqueano("experiment", "--vehicle", "small", "--seconds", "2")
     end = baqueano("replay", "1", "--vehicle", "bare.toml", "--estimator", kind)
     assert end.code == 0, end.err
-    (said,) = [
+    (event,) = [
         e.diagnostic for e in read_run(find("last")).events if e.level == "warning" and e.source == "drive"
     ]
-    assert (said.code, said.figures["sensors"]) == ("drive.usual-noise", "imu")
+    assert (event.code, event.figures["sensors"]) == ("drive.usual-noise", "imu")
     assert "noise of imu" in end.err
 
 
@@ -141,11 +141,11 @@ def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path, monkeypa
     options.advise_to_measure(load("my vehicle.toml"), "simulated:small")
     load("small").save(tmp_path / "vehicle.toml")  # beside it a name of the garage has to be said
     options.advise_to_measure(load("small"), "pilot@rover.local")
-    said = capsys.readouterr().err
-    assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in said
-    assert "baqueano identify last --vehicle 'my vehicle.toml' --update" in said
-    assert "small.toml: its model is a guess" in said
-    assert "baqueano experiment --vehicle small --robot pilot@rover.local" in said
+    printed = capsys.readouterr().err
+    assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in printed
+    assert "baqueano identify last --vehicle 'my vehicle.toml' --update" in printed
+    assert "small.toml: its model is a guess" in printed
+    assert "baqueano experiment --vehicle small --robot pilot@rover.local" in printed
 
 
 def test_a_vehicle_of_the_garage_is_its_own_truth_in_a_simulation_and_is_not_advised(capsys):
@@ -162,12 +162,12 @@ def test_a_vehicle_that_was_measured_begins_a_project_without_being_called_a_gue
 
 
 def test_the_simulation_of_a_project_of_ones_own_vehicle_is_not_its_guess(baqueano, tmp_path):
-    mine = load("small").with_values({"model.mass_kg": 0.7})
-    mine.save(tmp_path / "mine.toml")
+    real = load("small").with_values({"model.mass_kg": 0.7})
+    real.save(tmp_path / "mine.toml")
     assert baqueano("new", "mylab", "--vehicle", "mine.toml").code == 0
     project = load(tmp_path / "mylab" / "vehicle.toml")
     key = "model.friction.linear"
-    assert project.value(key).tolist() == mine.value(key).tolist()
+    assert project.value(key).tolist() == real.value(key).tolist()
     ratio = project.truth.value(key) / project.value(key)
     assert ((ratio > 0.5) & (ratio < 2.0) & (abs(ratio - 1.0) > 1e-3)).all()
     assert project.truth.value("model.mass_kg") == 0.7, "a scale tells it"
@@ -176,13 +176,13 @@ def test_the_simulation_of_a_project_of_ones_own_vehicle_is_not_its_guess(baquea
 def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano, tmp_path, monkeypatch):
     assert baqueano("new", "mylab").code == 0
     monkeypatch.chdir(tmp_path / "mylab")
-    ended = [
+    ends = [
         baqueano("simulate", "--seconds", "1", "-o", f"{k}.mcap", *more)
         for k, more in enumerate(((), ("--model",)))
     ]
     truth, model = (read_run(tmp_path / "mylab" / f"{k}.mcap") for k in range(2))
-    assert "simulated: small" in ended[0].err
-    assert "simulated: small" not in ended[1].err
+    assert "simulated: small" in ends[0].err
+    assert "simulated: small" not in ends[1].err
     assert abs(truth.truth.nu[-1, 0] - model.truth.nu[-1, 0]) > 1e-4
     assert (
         truth.vehicle_text
@@ -205,5 +205,5 @@ def test_who_compares_a_run_without_an_estimate_is_reported_how_to_make_one(baqu
     assert end.code == 0
     line = "baqueano replay runs/0001-simulation.mcap"  # the run holds its vehicle file
     assert end.err.replace("\\", "/").endswith(f": {line}\n")
-    again = baqueano(*line.split()[1:])
-    assert again.code == 0, again.err
+    second = baqueano(*line.split()[1:])
+    assert second.code == 0, second.err

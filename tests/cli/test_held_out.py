@@ -9,13 +9,13 @@ from baqueano.vehicle_file import load
 
 
 @pytest.fixture
-def told(baqueano, tmp_path):
+def identify_against(baqueano, tmp_path):
     """`identify` of a run of the small vehicle, held against another one, by name."""
     small = load("small")
     small.save(tmp_path / "my.toml")
-    turned = small.with_values({"model.actuator_matrix": [[3.38, 0, 0], [0, 0, 0], [0, 0, -0.203]]})
+    turned_file = small.with_values({"model.actuator_matrix": [[3.38, 0, 0], [0, 0, 0], [0, 0, -0.203]]})
     for seed, (name, file, seconds) in enumerate(
-        (("own", small, 12.0), ("turned", turned, 12.0), ("short", small, 3.0))
+        (("own", small, 12.0), ("turned", turned_file, 12.0), ("short", small, 3.0))
     ):
         u = random_steps(small.command.limit, seconds, small.rate_hz, seed, hold_s=0.5)
         write_run(simulate(file, u, seed), tmp_path / f"{name}.mcap")
@@ -23,9 +23,9 @@ def told(baqueano, tmp_path):
     return lambda *held_out: baqueano("identify", "own.mcap", *words, "--held-out", *held_out)
 
 
-def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(told, tmp_path):
+def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(identify_against, tmp_path):
     before = (tmp_path / "my.toml").read_text()
-    end = told("turned.mcap")
+    end = identify_against("turned.mcap")
     assert end.code == 1
     assert end.why.code == "cli.fit-refused-held-out"
     reason, _, _ = str(end.why.figures["reasons"]).partition("; ")
@@ -35,8 +35,8 @@ def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(told, tmp_path
     assert (tmp_path / "my.toml").read_text() == before
 
 
-def test_too_little_motion_is_not_proof(told, tmp_path):
-    end = told("short.mcap", "--json")
+def test_too_little_motion_is_not_proof(identify_against, tmp_path):
+    end = identify_against("short.mcap", "--json")
     assert end.code == 0
     verdict = end.reply["rows"][-1]
     assert (verdict["name"], verdict["verdict"]) == ("held_out_verdict", "CANNOT TELL")
@@ -44,8 +44,8 @@ def test_too_little_motion_is_not_proof(told, tmp_path):
     assert load(tmp_path / "my.toml").envelope.run == "own"
 
 
-def test_a_replay_says_that_a_run_leaves_the_envelope(told, baqueano, tmp_path):
-    told("short.mcap")
+def test_a_replay_says_that_a_run_leaves_the_envelope(identify_against, baqueano, tmp_path):
+    identify_against("short.mcap")
     file = load("my.toml")
     slow = file.envelope._replace(low=0.3 * file.envelope.low, high=0.3 * file.envelope.high)
     file.with_values({}, envelope=slow).save(tmp_path / "slow.toml")

@@ -18,22 +18,22 @@ def test_the_map_in_the_help_is_a_map(tmp_path):
     text = A_MAP.partition("\b\n")[2]
     assert tomllib.loads(text)["name"] == "rover"
     (tmp_path / "rover.toml").write_text(text, encoding="utf-8")
-    told = load_map(tmp_path / "rover.toml")
-    assert told.wheels
-    assert [len(signal.entries) for signal in (told.command, told.sensors["imu"])] == [2, 3]
+    signal_map = load_map(tmp_path / "rover.toml")
+    assert signal_map.wheels
+    assert [len(signal.entries) for signal in (signal_map.command, signal_map.sensors["imu"])] == [2, 3]
 
 
 def test_the_help_shows_the_map_as_it_is(baqueano):
     assert "\n  [command]\n" in baqueano("runs", "import", "--help").out
 
 
-@pytest.mark.parametrize("given", ["log.csv", "drive.mcap"])
-def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, given):
-    (tmp_path / given).write_bytes(b"t;\xb0/s\n")
-    end = baqueano("runs", "import", given)
+@pytest.mark.parametrize("file_name", ["log.csv", "drive.mcap"])
+def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, file_name):
+    (tmp_path / file_name).write_bytes(b"t;\xb0/s\n")
+    end = baqueano("runs", "import", file_name)
     assert end.code == 3
     assert end.why.code == "map.recording"
-    assert end.fix == f"baqueano runs import {given} --draft {given.partition('.')[0]}.toml"
+    assert end.fix == f"baqueano runs import {file_name} --draft {file_name.partition('.')[0]}.toml"
 
 
 def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
@@ -84,9 +84,9 @@ def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, t
         "FILE",
         "--update",
     ]
-    for given, left in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
-        assert baqueano("runs", "import", "rover.toml", given, "-o", "trials").code == 0
-        assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == left
+    for file_name, names in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
+        assert baqueano("runs", "import", "rover.toml", file_name, "-o", "trials").code == 0
+        assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == names
     assert baqueano("runs", "import", "rover.toml", "first.csv", "-o", "here.mcap").code == 0
     assert (tmp_path / "here.mcap").is_file()
 
@@ -110,12 +110,16 @@ def test_a_draft_of_a_map_is_a_map(baqueano, tmp_path):
     rows = "".join(f"{20 * k},{k % 200},100,10,10,0,0,{k % 7},{k},0,0,a\n" for k in range(60))
     (tmp_path / "log.csv").write_text(LOG + rows, encoding="utf-8")
     assert baqueano("runs", "import", "log.csv").fix == "baqueano runs import log.csv --draft log.toml"
-    made = baqueano("runs", "import", "log.csv", "--draft", "log.toml")
-    assert made.code == 0
-    assert "baqueano runs import log.toml log.csv" in made.out
-    told = load_map(tmp_path / "log.toml")
-    assert (told.wheels, set(told.sensors), told.truth is not None) == (True, {"wheels", "imu"}, True)
-    assert [entry.unit for entry in told.sensors["imu"].entries] == ["g", "g", "deg/s"]
+    draft = baqueano("runs", "import", "log.csv", "--draft", "log.toml")
+    assert draft.code == 0
+    assert "baqueano runs import log.toml log.csv" in draft.out
+    signal_map = load_map(tmp_path / "log.toml")
+    assert (signal_map.wheels, set(signal_map.sensors), signal_map.truth is not None) == (
+        True,
+        {"wheels", "imu"},
+        True,
+    )
+    assert [entry.unit for entry in signal_map.sensors["imu"].entries] == ["g", "g", "deg/s"]
     assert "columns without a place: note" in (tmp_path / "log.toml").read_text(encoding="utf-8")
     assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").why.code == "cli.file-exists"
 

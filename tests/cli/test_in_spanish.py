@@ -83,25 +83,28 @@ def strange(words: str) -> str:
     '{laps} ʟαρѕ'
     """
     parts = FIELD.split(words)
-    return "".join(one if k % 2 else one.translate(STRANGE) for k, one in enumerate(parts))
+    return "".join(part if k % 2 else part.translate(STRANGE) for k, part in enumerate(parts))
 
 
 @pytest.fixture
 def in_strange_letters(monkeypatch):
     """Lets `--lang es` speak in letters of no language."""
     real = gettext.translation(language.DOMAIN, language.CATALOGUES, ["es"])
-    known = copy(real)
-    known._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
+    renamed = copy(real)
+    renamed._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
         key: strange(key.rpartition("\4")[2]) for key in real._catalog if isinstance(key, str) and key
     }
-    monkeypatch.setattr(language, "_catalogue", lambda name: known)
+    monkeypatch.setattr(language, "_catalogue", lambda name: renamed)
     yield
     language.choose("")
 
 
 def words_of(command: click.Command) -> list[str]:
     """Return the help of a command and of its options."""
-    return [command.help or "", *(one.help or "" for one in command.params if isinstance(one, click.Option))]
+    return [
+        command.help or "",
+        *(param.help or "" for param in command.params if isinstance(param, click.Option)),
+    ]
 
 
 def said_by(line: str, capsys) -> str:
@@ -122,8 +125,8 @@ def english_in(text: str) -> list[str]:
 def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
     """A folder of its own with the runs and the route of the lab."""
     for path in lab.rglob("*"):
-        there = tmp_path / path.relative_to(lab)
-        there.mkdir(exist_ok=True) if path.is_dir() else there.write_bytes(path.read_bytes())
+        target = tmp_path / path.relative_to(lab)
+        target.mkdir(exist_ok=True) if path.is_dir() else target.write_bytes(path.read_bytes())
     first = next((tmp_path / "runs").glob("0001*")).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(first[: 2 * len(first) // 3])
     rows = (f"{20 * k},{k % 50 * 5},{k % 37 * 6},{k % 7},{k % 5},{k % 11 * 3}" for k in range(400))
@@ -154,10 +157,10 @@ def helps():
 
 def test_each_option_says_what_it_does():
     silent = [
-        f"{name} {one.opts[0]}"
+        f"{name} {param.opts[0]}"
         for name, command in helps()
-        for one in command.params
-        if isinstance(one, click.Option) and len((one.help or "").split()) < 2
+        for param in command.params
+        if isinstance(param, click.Option) and len((param.help or "").split()) < 2
     ]
     assert silent == []
 
@@ -165,27 +168,29 @@ def test_each_option_says_what_it_does():
 def test_help_in_spanish_is_in_the_third_person_and_has_one_wording_for_a_default():
     language.choose("es")
     try:
-        said = [(name, one) for name, command in helps() for one in words_of(in_language(command))]
+        wordings = [
+            (name, wording) for name, command in helps() for wording in words_of(in_language(command))
+        ]
     finally:
         language.choose("")
-    assert len(said) > 250
-    assert [one for one in said if INFINITIVE.match(one[1])] == [], "Guarda, not Guardar"
-    assert [one for one in said if OTHER_DEFAULT.search(one[1])] == [], "por omisión"
-    assert [one for one in said if TUTEO.search(one[1])] == [], "usted"
+    assert len(wordings) > 250
+    assert [wording for wording in wordings if INFINITIVE.match(wording[1])] == [], "Guarda, not Guardar"
+    assert [wording for wording in wordings if OTHER_DEFAULT.search(wording[1])] == [], "por omisión"
+    assert [wording for wording in wordings if TUTEO.search(wording[1])] == [], "usted"
 
 
 def test_the_names_of_values_are_spanish(capsys):
     try:
-        said = (
+        help_text = (
             said_by("report --help", capsys)
             + said_by("runs --help", capsys)
             + said_by("repeat --help", capsys)
         )
     finally:
         language.choose("")
-    assert "-o, --out ARCHIVO" in said
-    assert "ORDEN [ARGUMENTOS]..." in said
-    assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", said)
+    assert "-o, --out ARCHIVO" in help_text
+    assert "ORDEN [ARGUMENTOS]..." in help_text
+    assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", help_text)
 
 
 def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, capsys):
@@ -200,7 +205,7 @@ def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, cap
     for name in ("car", "small"):
         comments = re.findall(r"#.*", Path(name, "vehicle.toml").read_text(encoding="utf-8"))
         assert len(comments) > 10
-        assert [one for one in comments if WORD.search(one.partition(":")[0])] == []
+        assert [comment for comment in comments if WORD.search(comment.partition(":")[0])] == []
 
 
 def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_letters, capsys):
@@ -209,19 +214,19 @@ def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_lette
     body = re.sub(
         r"<style.*?</style>|<code>.*?</code>|<metadata>.*?</metadata>|<defs>.*?</defs>", "", page, flags=re.S
     )
-    shown = html.unescape("\n".join(re.findall(r">([^<>]+)<", body)))
+    words = html.unescape("\n".join(re.findall(r">([^<>]+)<", body)))
     assert '<html lang="es">' in page
-    assert not english_in(shown)
+    assert not english_in(words)
 
 
 @pytest.mark.parametrize("line", ["compare 1", "runs ls", "forecast lab --vehicle small"])
 def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
     try:
-        said = TYPED.sub("", said_by(line, capsys))
+        figures_text = TYPED.sub("", said_by(line, capsys))
     finally:
         language.choose("")
-    assert not POINT.findall(said)
-    assert re.search(r"\d,\d", said)
+    assert not POINT.findall(figures_text)
+    assert re.search(r"\d,\d", figures_text)
 
 
 def test_files_and_json_keep_points_and_english(in_lab, capsys):
@@ -249,13 +254,13 @@ def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
     try:
         said_by("runs import w.toml log.csv -o imported.mcap", capsys)
         run = read_run("imported.mcap")
-        found = [one for one in run.events if one.source == "import" and one.level == "warning"]
-        assert found
-        for one in found:
-            assert one.diagnostic.figures["cause"].code.startswith("recording.")
-            assert one.text == in_english(one.diagnostic)
+        warnings = [event for event in run.events if event.source == "import" and event.level == "warning"]
+        assert warnings
+        for warning in warnings:
+            assert warning.diagnostic.figures["cause"].code.startswith("recording.")
+            assert warning.text == in_english(warning.diagnostic)
             with language.within("es"):
-                assert one.sentence != one.text
+                assert warning.sentence != warning.text
     finally:
         language.choose("")
 
@@ -265,8 +270,8 @@ def test_a_new_project_explains_itself_in_spanish(in_lab, capsys):
         said_by("new proyecto", capsys)
     finally:
         language.choose("")
-    written = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
-    assert "Ejecute las celdas" in written["first_evening.ipynb"]
+    texts = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
+    assert "Ejecute las celdas" in texts["first_evening.ipynb"]
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
-        assert "Funciona así como está." in written[name]
-        compile(written[name], name, "exec")
+        assert "Funciona así como está." in texts[name]
+        compile(texts[name], name, "exec")

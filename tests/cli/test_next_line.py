@@ -10,7 +10,7 @@ from baqueano.messages import Argument
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "python", "typed"),
+    ("name", "value", "python", "line"),
     [
         ("clocks", "gps", 'clocks = "gps"', "--clock gps"), ("use", "imu[2]", 'use = "imu[2]"', "--use 'imu[2]'"),
         ("use", "…", 'use = "…"', "--use SENSOR"), ("free", "…", 'free = "…"', "--free KEY"),
@@ -18,13 +18,13 @@ from baqueano.messages import Argument
         ("laps", "", "laps", "--laps"),
     ],
 )  # fmt: skip
-def test_an_argument_is_written_as_python_has_it_and_as_it_is_typed(name, value, python, typed):
-    assert (format(Argument(name), value), format(Option(name), value)) == (python, typed)
+def test_an_argument_is_written_as_python_has_it_and_as_it_is_typed(name, value, python, line):
+    assert (format(Argument(name), value), format(Option(name), value)) == (python, line)
 
 
 def test_every_option_that_stands_for_an_argument_is_one_of_the_verb():
-    known = {option for param in command.params for option in param.opts}
-    assert {option for option, _ in OPTIONS.values()} <= known
+    options = {option for param in command.params for option in param.opts}
+    assert {option for option, _ in OPTIONS.values()} <= options
 
 
 @pytest.mark.parametrize(
@@ -58,12 +58,15 @@ def test_a_run_that_is_not_there_is_looked_for_in_the_list(baqueano):
 
 def test_a_path_that_is_not_there_is_answered_with_what_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    args, why = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
-    said = next_line(why, 3, args)
-    assert (said.code, dict(said.figures)) == ("next.no-file", {"folder": tmp_path.name, "suffix": ".csv"})
+    args, cause = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
+    advice = next_line(cause, 3, args)
+    assert (advice.code, dict(advice.figures)) == (
+        "next.no-file",
+        {"folder": tmp_path.name, "suffix": ".csv"},
+    )
     for name in ("a.csv", "b.csv", "c.csv", "d.csv", "e.csv", "f.csv", "notes.txt"):
         (tmp_path / name).touch()
-    figures = next_line(why, 3, args).figures
+    figures = next_line(cause, 3, args).figures
     assert (figures["files"], figures["more"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
 
 
@@ -71,8 +74,8 @@ def test_a_file_that_is_to_be_mended_is_not_followed_by_the_same_command():
     assert (
         next_line(fault("toml.syntax", file="mine.toml"), 3, ["experiment", "--vehicle", "mine.toml"]) is None
     )
-    said = next_line(fault("map.wrong", map="map.toml"), 3, ["runs", "import", "map.toml"])
-    assert said.fix == "baqueano runs import --help"
+    advice = next_line(fault("map.wrong", map="map.toml"), 3, ["runs", "import", "map.toml"])
+    assert advice.fix == "baqueano runs import --help"
 
 
 @pytest.mark.parametrize(

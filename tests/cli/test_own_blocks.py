@@ -105,27 +105,31 @@ def own_controller(folder, k):
 
 
 def test_gains_that_stand_in_the_code_of_a_controller_are_found_and_written(project, tmp_path):
-    mine = own_controller(tmp_path, 'parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)')
-    end = project("tune", "--vehicle", str(mine), "--route", "lab", "--update", "--json")
+    own_file = own_controller(
+        tmp_path, 'parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)'
+    )
+    end = project("tune", "--vehicle", str(own_file), "--route", "lab", "--update", "--json")
     assert end.code in (0, 1), end.err
     (row,) = end.reply["rows"]
     assert row["name"] == "k"
-    again = load(mine)
-    assert again.controller().k == pytest.approx(row["value"]) != 0.5
-    assert again.provenance["controller.k"].run == "tune, perfect pose"
-    assert again.value("controller.k") == pytest.approx(row["value"])
+    updated_file = load(own_file)
+    assert updated_file.controller().k == pytest.approx(row["value"]) != 0.5
+    assert updated_file.provenance["controller.k"].run == "tune, perfect pose"
+    assert updated_file.value("controller.k") == pytest.approx(row["value"])
 
 
 def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tmp_path):
-    mine = load(own_controller(tmp_path, 'parameter("unit of u per m", "ahead", default=0.5)'))
-    tuned = mine.with_values({"controller.k": 2.0}, {"controller.k": {"run": "tune", "verdict": "USABLE"}})
+    own_file = load(own_controller(tmp_path, 'parameter("unit of u per m", "ahead", default=0.5)'))
+    tuned_file = own_file.with_values(
+        {"controller.k": 2.0}, {"controller.k": {"run": "tune", "verdict": "USABLE"}}
+    )
     (tmp_path / "mine.py").unlink()
-    assert parse(tuned.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
+    assert parse(tuned_file.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
 
 
 def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_the_search(project, tmp_path):
-    mine = own_controller(tmp_path, "0.5")
-    end = project("tune", "--vehicle", str(mine), "--route", "lab")
+    own_file = own_controller(tmp_path, "0.5")
+    end = project("tune", "--vehicle", str(own_file), "--route", "lab")
     assert end.code == 2
     assert "Mine does not declare a gain to tune" in end.paragraph
     assert "k: float = parameter(" in end.paragraph
@@ -140,17 +144,17 @@ def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tm
 
 
 @pytest.mark.parametrize(
-    ("typed", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
+    ("mistyped", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
 )
-def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp_path, typed, right):
+def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp_path, mistyped, right):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
-    end = project("repeat", "lab", "--vehicle", "small", "--controller", typed)
+    end = project("repeat", "lab", "--vehicle", "small", "--controller", mistyped)
     assert end.fix == f"baqueano repeat lab --vehicle small --controller {right}"
 
 
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize(
-    ("line", "u", "said"),
+    ("line", "u", "message"),
     [
         ('raise ValueError("boom")', "np.zeros(3)", "mine.py:9) raised ValueError: boom"),
         ("stat", "np.zeros(3)", "mine.py:9) raised NameError: name 'stat' is not defined"),
@@ -159,7 +163,7 @@ def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp
         ("return None", "np.zeros(3)", "returned nothing, expected (state, output)"),
     ],
 )
-def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_path, room, line, u, said):
+def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_path, room, line, u, message):
     (tmp_path / "mine.py").write_text(ROOMS[room].format(line=line, u=u), encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--json")
     assert end.code == 5, end.err
@@ -169,7 +173,7 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_
     )
     assert end.cause.code in (StopReason.BLOCK_RAISED, StopReason.BLOCK_RETURNED)
     assert str(end.cause.figures["block"]).startswith(f"{room} Mine (")
-    assert said in text(end.cause)
+    assert message in text(end.cause)
     assert len(end.reply["rows"]) == 1
     run = read_run(tmp_path / "runs" / "0001-repeat.mcap")
     assert run.notes == ()
@@ -201,7 +205,7 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
 
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize(
-    ("text", "name", "said"),
+    ("text", "name", "message"),
     [
         ("import nothere\n", "Mine", ("block.raised-while-read", "place", "mine.py line 1")),
         ("class Mine:\n    def step step(self):\n", "Mine", ("block.not-python", "line", 2)),
@@ -211,13 +215,13 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
     ],
 )  # fmt: skip
 def test_a_block_that_cannot_be_loaded_is_reported_before_anything_moves(
-    project, tmp_path, room, text, name, said
+    project, tmp_path, room, text, name, message
 ):
     if text is not None:
         (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", f"mine.py:{name}", *SMALL)
     assert end.code == 3
-    code, figure, value = said
+    code, figure, value = message
     assert (end.cause.code, end.cause.figures[figure]) == (code, value)
     assert (end.why.figures["room"], end.why.figures["kind"]) == (room, f"mine.py:{name}")
     assert end.why.fix == f"baqueano blocks check mine.py:{name}"
@@ -254,8 +258,8 @@ def test_a_file_that_ends_the_program_while_it_is_read_is_named_with_its_line(
     (tmp_path / "mine.py").write_text(f"import sys\n{line}\n{text}", encoding="utf-8")
     end = project(*command.split())
     assert end.code == 3
-    assert '"code": "block.raised-while-read-and-ends"' in (said := json.dumps(end.why.to_json()))
-    assert '"place": "mine.py line 2"' in said
+    assert '"code": "block.raised-while-read-and-ends"' in (reason := json.dumps(end.why.to_json()))
+    assert '"place": "mine.py line 2"' in reason
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -55,14 +55,14 @@ def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_st
 
 
 def test_runs_are_fetched_whole_also_behind_one_without_a_byte(baqueano, door, tmp_path):
-    here = tmp_path / "here"
+    folder = tmp_path / "here"
     (tmp_path / "1.mcap").touch()
     (tmp_path / "2.mcap").write_bytes(b"whole")
     (tmp_path / "3.mcap").write_bytes(b"ha")
     door.tell({"is": "state", "state": "MISSION", "why": None, "run": "3.mcap"})
-    assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(here)).code == 0
-    assert {p.name: p.read_bytes() for p in here.iterdir()} == {"1.mcap": b"", "2.mcap": b"whole"}
+    assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder)).code == 0
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == {"1.mcap": b"", "2.mcap": b"whole"}
     (tmp_path / "3.mcap").write_bytes(b"half, and the other half")
     door.tell({"is": "state", "state": "READY", "why": None, "run": None})
-    assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(here)).code == 0
-    assert (here / "3.mcap").read_bytes() == b"half, and the other half"
+    assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder)).code == 0
+    assert (folder / "3.mcap").read_bytes() == b"half, and the other half"

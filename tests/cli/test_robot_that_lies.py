@@ -36,18 +36,20 @@ def liar(tmp_path):
         line, _ = listener.accept()
         with line, line.makefile("rb") as coming:
             try:
-                for said in answers.get("first", [READY]):
-                    line.sendall(json.dumps(said).encode() + b"\n")
+                for message in answers.get("first", [READY]):
+                    line.sendall(json.dumps(message).encode() + b"\n")
                 for word in coming:
-                    for said in answers.get(json.loads(word)["do"], []):
-                        line.sendall(said if isinstance(said, bytes) else json.dumps(said).encode() + b"\n")
+                    for message in answers.get(json.loads(word)["do"], []):
+                        line.sendall(
+                            message if isinstance(message, bytes) else json.dumps(message).encode() + b"\n"
+                        )
             except OSError:
                 return
 
     thread = threading.Thread(target=work, daemon=True)
 
-    def begin(**given):
-        answers.update(given)
+    def begin(**replies):
+        answers.update(replies)
         thread.start()
         return str(path)
 
@@ -55,8 +57,8 @@ def liar(tmp_path):
     listener.close()
 
 
-def piece(data, left):
-    return {"is": "file", "run": "x", "data": base64.b64encode(data).decode(), "left": left}
+def piece(data, remaining):
+    return {"is": "file", "run": "x", "data": base64.b64encode(data).decode(), "left": remaining}
 
 
 def files(folder):
@@ -97,29 +99,29 @@ def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
         door.tell(READY)
         assert baqueano("robot", "runs", str(door.path)).out == "ok.mcap\n"
         for name in ("link.mcap", ".hidden.mcap", "../" + tmp_path.name + "/ok.mcap"):
-            with remote.reached(str(door.path)) as there:
-                there.say(do="fetch", run=name)
+            with remote.reached(str(door.path)) as client:
+                client.say(do="fetch", run=name)
                 with pytest.raises(Exception, match="does not exist"):
-                    there.hear(("file",), 10.0)
+                    client.hear(("file",), 10.0)
     finally:
         door.close()
 
 
 @pytest.mark.parametrize("link", [False, True, "dangling"])
 def test_a_file_and_a_link_that_are_here_stay_as_they_are(baqueano, liar, tmp_path, link):
-    here, other = tmp_path / "runs", tmp_path / "other"
-    here.mkdir()
+    folder, outside = tmp_path / "runs", tmp_path / "other"
+    folder.mkdir()
     if link != "dangling":
-        other.write_bytes(b"mine")
+        outside.write_bytes(b"mine")
     if link:
-        (here / "1.mcap").symlink_to(other)
-        (here / "1.mcap.part").symlink_to(other)
+        (folder / "1.mcap").symlink_to(outside)
+        (folder / "1.mcap.part").symlink_to(outside)
     else:
-        (here / "1.mcap").write_bytes(b"mine")
+        (folder / "1.mcap").write_bytes(b"mine")
     host = liar(runs=[{"is": "runs", "runs": ["1.mcap"]}], fetch=[piece(b"evil", 0)])
-    assert baqueano("robot", "runs", host, "--fetch", "--runs", str(here)).code == 0
-    assert not other.exists() if link == "dangling" else (here / "1.mcap").read_bytes() == b"mine"
-    assert (here / "1.mcap").is_symlink() == bool(link)
+    assert baqueano("robot", "runs", host, "--fetch", "--runs", str(folder)).code == 0
+    assert not outside.exists() if link == "dangling" else (folder / "1.mcap").read_bytes() == b"mine"
+    assert (folder / "1.mcap").is_symlink() == bool(link)
 
 
 @pytest.mark.parametrize(
@@ -143,8 +145,8 @@ def test_a_run_that_is_not_as_long_as_was_said_leaves_nothing(baqueano, liar, tm
 
 
 def test_what_it_says_of_its_state_moves_no_cursor_and_forges_no_line(baqueano, liar):
-    said = READY | {"why": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
-    end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, said]))
+    status = READY | {"why": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
+    end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, status]))
     assert end.code == 0
     assert r"\x1b[2J\x9b\u202e all baqueano: forged" in end.out
     assert not {"\x1b", "\x9b", "\u202e", "\r"} & set(end.out)

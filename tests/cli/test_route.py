@@ -12,7 +12,7 @@ def lab(baqueano, monkeypatch, tmp_path):
     return baqueano
 
 
-def stored(baqueano):
+def stored_routes(baqueano):
     return [row["route"] for row in baqueano("route", "ls", "--json").reply["rows"]]
 
 
@@ -23,7 +23,7 @@ def test_verbs_store_what_they_made_beside_the_route(lab):
     ):  # fmt: skip
         end = lab("route", verb, "lab", *options, "--json")
         assert end.code == 0, end.err
-    assert stored(lab) == sorted(
+    assert stored_routes(lab) == sorted(
         ["lab", "lab-cut", "lab-fast", "lab-reverse", "lab-scale", "lab-smooth", "lab-speed", "twice"]
     )
     rows = {row["route"]: row for row in lab("route", "ls", "--json").reply["rows"]}

@@ -13,8 +13,8 @@ def test_a_fault_is_typed_with_a_verb_logged_and_judged(baqueano):
     assert done.code == 0
     assert "NIS noticed it" in done.err
     run = read_run("run.mcap")
-    found = faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events)
-    assert [(one.kind, one.at_s) for one in found] == [("push", 2.0), ("sag", 3.0)]
+    faults = faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events)
+    assert [(fault.kind, fault.at_s) for fault in faults] == [("push", 2.0), ("sag", 3.0)]
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,12 @@ ROW = {"recording": "one", "quantity": "speed", "value": 0.1, "bar": "≤ 1", "o
 
 
 def test_id0_a_fit_that_is_stopped_is_reported_and_not_written(baqueano, lab, tmp_path, monkeypatch):
-    def stopped(runs, file, say, **how):
-        found = identify(runs, file, ["model.actuator_matrix[0,0]"], say=say)
+    def stopped_fit(runs, file, say, **options):
+        fit = identify(runs, file, ["model.actuator_matrix[0,0]"], say=say)
         say.stopped = True
-        return found
+        return fit
 
-    monkeypatch.setattr(import_module("baqueano.identify"), "identify", stopped)
+    monkeypatch.setattr(import_module("baqueano.identify"), "identify", stopped_fit)
     path = str(lab / "runs" / "0001-experiment.mcap")
     end = baqueano("identify", path, "--vehicle", "small", "--update")
     assert end.code == 130
@@ -30,17 +30,17 @@ def test_id0_a_fit_that_is_stopped_is_reported_and_not_written(baqueano, lab, tm
 
 def test_who_wants_no_more_is_not_reported_what_is_not_in_the_model(lab, monkeypatch):
     run = read_run(lab / "runs" / "0001-experiment.mcap")
-    asked: list[str] = []
+    texts: list[str] = []
 
     def say(text: str) -> bool:
-        asked.append(text)
+        texts.append(text)
         return text.startswith("testing for effects")
 
     assemble = import_module("baqueano.identify.result.assemble")
     monkeypatch.setattr(assemble, "diagnose", lambda *of: pytest.fail("it was asked"))
     fit = identify(run, load("small"), ["model.actuator_matrix[0,0]"], say=say)
     assert fit.converged
-    assert asked[-1] == "testing for effects that the model lacks"
+    assert texts[-1] == "testing for effects that the model lacks"
 
 
 def test_recordings_that_were_judged_before_are_in_the_table(baqueano, monkeypatch):

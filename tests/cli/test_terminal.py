@@ -27,8 +27,8 @@ def project(lab, tmp_path) -> Path:
 
 
 def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
-    told = os.environ | environment
-    return subprocess.run([*COMMAND, *args], cwd=folder, env=told, capture_output=True, timeout=60)
+    settings = os.environ | environment
+    return subprocess.run([*COMMAND, *args], cwd=folder, env=settings, capture_output=True, timeout=60)
 
 
 def test_nothing_is_drawn_when_stderr_is_not_a_terminal(project):
@@ -58,11 +58,11 @@ def test_a_pipe_that_is_closed_early_does_not_end_the_work(project):
 
 def test_a_terminal_that_hung_up_does_not_end_the_work(monkeypatch):
     pty = pytest.importorskip("pty")
-    here, there = pty.openpty()
-    with open(there, "w") as stream:
+    master, slave = pty.openpty()
+    with open(slave, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
         terminal.talk("somebody reads this")
-        os.close(here)
+        os.close(master)
         terminal.talk("nobody reads this")
         assert os.path.samestat(os.fstat(stream.fileno()), os.stat(os.devnull))
 
@@ -155,9 +155,9 @@ def test_a_person_sees_a_bar_and_the_time_of_a_fit(project):
 
 def test_driving_by_keys_makes_a_route_and_gives_the_terminal_back(project):
     ready = "q ends the drive"
-    held = [(ready, 0.5, b"w"), *[(ready, 0.1, b"w")] * 15, *[(ready, 0.1, b"\x1b[D")] * 5]
-    told = ["teach", "mine", "--driver", "keys", "--vehicle", "small"]
-    code, text = in_terminal(project, told, [*held, (ready, 0.1, b"q")])
+    keystrokes = [(ready, 0.5, b"w"), *[(ready, 0.1, b"w")] * 15, *[(ready, 0.1, b"\x1b[D")] * 5]
+    arguments = ["teach", "mine", "--driver", "keys", "--vehicle", "small"]
+    code, text = in_terminal(project, arguments, [*keystrokes, (ready, 0.1, b"q")])
     assert code == 0, text
     assert "route: routes/mine.csv" in text
     assert (project / "routes" / "mine.csv").read_text(encoding="utf-8").count("\n") > 20
@@ -185,7 +185,7 @@ def test_work_that_says_nothing_ends_at_once_and_work_that_does_ends_with_what_i
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def shown(capsys, pattern, times=1):
+def progress_lines(capsys, pattern, times=1):
     """What stderr has shown by when it shows this so often."""
     err, until = "", time.monotonic() + 60
     while len(re.findall(pattern, err)) < times:
@@ -200,7 +200,7 @@ def test_a_person_sees_how_far_the_work_is_on_one_line(monkeypatch, capsys):
     with steps() as begin:
         say = begin("fitting")
         say("round 3: 20 evaluations")
-        err = shown(capsys, r"fitting  \d+ s  round 3: 20 evaluations")
+        err = progress_lines(capsys, r"fitting  \d+ s  round 3: 20 evaluations")
         begin("drawing")
     err += capsys.readouterr().err
     assert err.count("\n") == 2
@@ -213,7 +213,7 @@ def test_where_nobody_looks_a_line_stands_at_wide_intervals(monkeypatch, capsys)
     with steps() as begin:
         say = begin("fitting")
         say("round 3")
-        err = shown(capsys, "round 3", times=2)
+        err = progress_lines(capsys, "round 3", times=2)
     took_s = time.monotonic() - began
     err += capsys.readouterr().err
     lines = err.splitlines()

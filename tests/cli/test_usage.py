@@ -13,7 +13,7 @@ from baqueano.diagnostics import fault
 
 
 @pytest.mark.parametrize(
-    ("line", "code", "said"),
+    ("line", "code", "message"),
     [
         ("experimnt", "cli.unknown-verb", "baqueano experiment"),
         ("fly", "cli.no-such-verb", "repeat"),
@@ -59,23 +59,23 @@ from baqueano.diagnostics import fault
         ("runs cut 1 --from x", "cli.number", "[s]"),
     ],
 )
-def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, code, said):
+def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, code, message):
     end = baqueano(*line.split())
     assert (end.code, end.out, end.why.code) == (2, "", code)
-    assert said in f"{end.why.to_json()} {end.fix}"
+    assert message in f"{end.why.to_json()} {end.fix}"
     assert end.fix
     assert not list(tmp_path.rglob("*.mcap*")), "no number of a run was taken"
 
 
 def test_help_is_for_every_verb(baqueano):
     for flag in ("-h", "--help"):
-        shown = baqueano(flag)
-        assert shown.code == 0
-        assert all(verb in shown.out for verb in VERBS)
+        help_end = baqueano(flag)
+        assert help_end.code == 0
+        assert all(verb in help_end.out for verb in VERBS)
     for verb in VERBS:
-        shown = baqueano(verb, "-h")
-        assert shown.code == 0
-        assert shown.out.startswith(f"Usage: baqueano {verb}")
+        help_end = baqueano(verb, "-h")
+        assert help_end.code == 0
+        assert help_end.out.startswith(f"Usage: baqueano {verb}")
 
 
 def test_a_verb_that_is_called_by_itself_keeps_the_short_help(baqueano):
@@ -89,8 +89,8 @@ def test_version_is_reported(baqueano):
 
 
 def test_the_module_is_the_command():
-    shown = subprocess.run([sys.executable, "-m", "baqueano", "--version"], capture_output=True, text=True)
-    assert shown.stdout.strip() == f"baqueano, version {__version__}"
+    process = subprocess.run([sys.executable, "-m", "baqueano", "--version"], capture_output=True, text=True)
+    assert process.stdout.strip() == f"baqueano, version {__version__}"
 
 
 def test_no_verb_at_all_shows_the_verbs_with_code_2(baqueano):
@@ -114,15 +114,15 @@ def test_help_loads_no_verb_and_no_numpy():
         "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in ROOMS))\n"
         "print([m for m in sys.modules if m.startswith(rooms)])"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.rstrip().endswith("[]")
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.rstrip().endswith("[]")
 
 
 def test_an_error_that_nobody_foresaw_names_its_place(baqueano, monkeypatch):
-    def broken(*args, **kwargs):
+    def break_listing(*args, **kwargs):
         raise RuntimeError("the moon")
 
-    monkeypatch.setattr("baqueano.runs.folder.listing", broken)
+    monkeypatch.setattr("baqueano.runs.folder.listing", break_listing)
     end = baqueano("runs", "ls")
     assert end.code == 1
     assert (end.why.code, end.why.figures["error"]) == ("cli.unforeseen", "RuntimeError: the moon")
@@ -145,8 +145,8 @@ def test_too_little_memory_is_reported(baqueano, monkeypatch):
         raise MemoryError("22 TiB")
 
     monkeypatch.setattr("baqueano.runs.folder.listing", big)
-    why = baqueano("runs", "ls").why
-    assert (why.code, why.figures["error"]) == ("cli.memory", "22 TiB")
+    reason = baqueano("runs", "ls").why
+    assert (reason.code, reason.figures["error"]) == ("cli.memory", "22 TiB")
 
 
 def test_ctrl_c_ends_with_130(baqueano, monkeypatch):
@@ -171,10 +171,10 @@ def test_an_unknown_back_end_in_the_environment_is_reported(baqueano, monkeypatc
 def test_a_c_back_end_without_a_compiler_is_reported_with_the_other_one(baqueano, monkeypatch):
     from baqueano.symbolic.c_code.compile import CompileError
 
-    def refused(*args, **kwargs):
+    def refuse(*args, **kwargs):
         raise CompileError(fault("compiler.absent", "pip install ziglang"))
 
-    monkeypatch.setattr(import_module("baqueano.simulate"), "simulate", refused)
+    monkeypatch.setattr(import_module("baqueano.simulate"), "simulate", refuse)
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
     assert end.code == 2
     assert (end.why.code, end.fix) == ("cli.not-compiled", "--backend python")
@@ -209,10 +209,10 @@ def test_no_sentence_of_a_list_of_verbs_is_cut_short(baqueano, group):
 )
 def test_an_error_of_a_verb_with_json_is_one_object_with_code_and_figures(baqueano, line, code, ends):
     end = baqueano(*line.split())
-    said = json.loads(end.out)
-    assert (end.code, said["exit_code"], said["code"]) == (ends, ends, code)
-    assert said["figures"] == end.why.to_json()["figures"]
-    assert said["text"] in end.paragraph
+    printed = json.loads(end.out)
+    assert (end.code, printed["exit_code"], printed["code"]) == (ends, ends, code)
+    assert printed["figures"] == end.why.to_json()["figures"]
+    assert printed["text"] in end.paragraph
 
 
 def test_an_answer_of_no_with_json_is_the_answer_alone(baqueano, tmp_path):

@@ -20,20 +20,20 @@ def project(baqueano, lab, tmp_path):
 
 
 def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, monkeypatch):
-    made = baqueano("new", "mi lab")
-    assert made.code == 0
+    creation = baqueano("new", "mi lab")
+    assert creation.code == 0
     assert (
-        made.out.strip()
+        creation.out.strip()
         == "mi lab: vehicle.toml, my_estimator.py, my_guide.py, my_controller.py, first_evening.ipynb"
     )
-    again = baqueano("new", "mi lab")
-    assert again.code == 2
-    assert again.why.code == "cli.folder-not-empty"
+    second = baqueano("new", "mi lab")
+    assert second.code == 2
+    assert second.why.code == "cli.folder-not-empty"
     monkeypatch.chdir(tmp_path / "mi lab")
     for block in ("my_estimator.py:MyEstimator", "my_guide.py:MyGuide", "my_controller.py:MyController"):
-        checked = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
-        assert checked.code == 0, checked.out
-        assert checked.reply == {"rows": [], "verdict": "USABLE"}
+        check = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
+        assert check.code == 0, check.out
+        assert check.reply == {"rows": [], "verdict": "USABLE"}
 
 
 def test_an_experiment_answers_with_what_the_run_holds(baqueano, tmp_path):
@@ -64,13 +64,13 @@ def test_thousands_need_a_covariance_to_be_drawn_from(baqueano):
 
 def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_path):
     project("simulate", "--vehicle", "small", "--seconds", "20", "-o", "long.mcap")
-    told = ("identify", "long.mcap", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--json")
-    fit = project(*told)
+    arguments = ("identify", "long.mcap", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--json")
+    fit = project(*arguments)
     assert fit.code == 0, fit.err
     assert [row["name"] for row in fit.reply["rows"]] == ["model.actuator_matrix[0,0]"]
     assert "add --update" in fit.err
     assert not (tmp_path / "vehicle.toml").exists()
-    assert project(*told, "--update").code == 0
+    assert project(*arguments, "--update").code == 0
     assert "[provenance" in (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
     wrong = project("identify", "long.mcap", "--bound", "model.mass_kg")
     assert wrong.code == 2
@@ -78,9 +78,9 @@ def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_pat
 
 
 def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
-    taught = project("teach", "otra", "--vehicle", "small", "--driver", "lab", "--json")
-    assert taught.code == 0
-    assert taught.reply["rows"][0]["poses"] > 50
+    lesson = project("teach", "otra", "--vehicle", "small", "--driver", "lab", "--json")
+    assert lesson.code == 0
+    assert lesson.reply["rows"][0]["poses"] > 50
     assert (tmp_path / "routes" / "otra.csv").is_file()
     end = project("repeat", "otra", "--vehicle", "small", "--json", "--report", "page.html")
     assert end.code == 0, end.err
@@ -92,9 +92,9 @@ def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
 def test_a_replay_gives_the_same_estimates(project):
     end = project("replay", "1", "--json")
     assert end.code == 0
-    first, again = end.reply["rows"]
-    assert again["ate_m"] == first["ate_m"]
-    assert again["nis"] == first["nis"]
+    first, second = end.reply["rows"]
+    assert second["ate_m"] == first["ate_m"]
+    assert second["nis"] == first["nis"]
 
 
 def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
@@ -116,13 +116,13 @@ def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
 def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "ekf", "--json")
     assert end.code == 0, end.err
-    again = end.reply["rows"][1]
-    assert again["run"].startswith("0003-replay")
+    replay_row = end.reply["rows"][1]
+    assert replay_row["run"].startswith("0003-replay")
     first = project("replay", "1", "--estimator", "ekf", "--json").reply["rows"][1]
-    assert again["speed_error_m_s"] < first["speed_error_m_s"]
-    kept = read_run(tmp_path / "runs" / f"{again['run']}.mcap")
-    assert kept.metadata["smoothed"] == "Rauch-Tung-Striebel"
-    assert len(kept.estimate.t_ns) == len(kept.t_ns)
+    assert replay_row["speed_error_m_s"] < first["speed_error_m_s"]
+    replayed_run = read_run(tmp_path / "runs" / f"{replay_row['run']}.mcap")
+    assert replayed_run.metadata["smoothed"] == "Rauch-Tung-Striebel"
+    assert len(replayed_run.estimate.t_ns) == len(replayed_run.t_ns)
 
 
 def test_what_is_not_a_kalman_filter_cannot_be_smoothed(project, tmp_path):
@@ -162,7 +162,7 @@ def test_an_unknown_run_is_reported_with_the_newest(project):
 
 
 @pytest.mark.parametrize(
-    ("said", "expected"),
+    ("options", "expected"),
     [
         ("--vehicle car", "not the same kind of vehicle"),
         ("--vehicle small --bound model.friction.linear=5,1", "expected the lower one first"),
@@ -170,8 +170,8 @@ def test_an_unknown_run_is_reported_with_the_newest(project):
         ("--vehicle small --free model.nope", "model.nope is not a parameter"),
     ],
 )
-def test_a_fit_that_cannot_be_meant_is_refused(project, said, expected):
-    end = project("identify", "1", *said.split())
+def test_a_fit_that_cannot_be_meant_is_refused(project, options, expected):
+    end = project("identify", "1", *options.split())
     assert end.code == 2
     assert expected in end.paragraph
 
@@ -179,15 +179,15 @@ def test_a_fit_that_cannot_be_meant_is_refused(project, said, expected):
 def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path):
     baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
     fit = ("identify", "tiny.mcap", "--vehicle", "small", "--no-noise")
-    without, written = baqueano(*fit), baqueano(*fit, "--report", "page.html")
-    assert without.code == written.code == 1
+    without, with_report = baqueano(*fit), baqueano(*fit, "--report", "page.html")
+    assert without.code == with_report.code == 1
     assert without.out.endswith(" more: --report fit.html shows all, with figures\n")
     assert without.why.code == "cli.fit-refused"
     assert without.why.figures["data"].fix == "--report fit.html"
-    assert written.out.endswith(" more: the report shows all, with figures\n")
-    assert written.why.figures["data"].code == "cli.data-in-report"
-    assert "report: page.html" in written.err
-    assert "--report" not in written.out + written.err
+    assert with_report.out.endswith(" more: the report shows all, with figures\n")
+    assert with_report.why.figures["data"].code == "cli.data-in-report"
+    assert "report: page.html" in with_report.err
+    assert "--report" not in with_report.out + with_report.err
     assert (tmp_path / "page.html").exists()
 
 
@@ -206,8 +206,8 @@ def test_a_report_tells_the_whole_line_that_gives_its_numbers_again(baqueano, tm
     )
     monkeypatch.setattr(sys, "argv", ["baqueano", *line])
     baqueano(*line)
-    told = html.unescape((tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert f"To get these numbers again: <code>{shlex.join(['baqueano', *line])}</code>" in told
+    page = html.unescape((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert f"To get these numbers again: <code>{shlex.join(['baqueano', *line])}</code>" in page
 
 
 def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
@@ -215,7 +215,7 @@ def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
     fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply
     assert fit["verdict"] != "USABLE"
     assert fit["reasons"], "three seconds are too few, and nothing says so"
-    assert all({"code", "figures", "text"} <= set(why) for why in (*fit["reasons"], *fit["findings"]))
+    assert all({"code", "figures", "text"} <= set(reason) for reason in (*fit["reasons"], *fit["findings"]))
 
 
 def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
@@ -244,5 +244,5 @@ def test_with_a_camera_the_estimator_is_one_that_corrects_a_pose(baqueano, tmp_p
 
     text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'
     (tmp_path / "identifiability.toml").write_text(text, encoding="utf-8")
-    said = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
-    assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose by camera' in said
+    printed = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
+    assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose by camera' in printed

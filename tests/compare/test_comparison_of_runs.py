@@ -17,7 +17,7 @@ from tests.codes import refused
 N = 1500
 
 
-def made(name="a", off=(0.03, 0.0, 0.0), across=0.0, sigma=0.02, seed=0, innovation=True, **extra):
+def run_with(name="a", off=(0.03, 0.0, 0.0), across=0.0, sigma=0.02, seed=0, innovation=True, **extra):
     """A straight drive at 1 m/s; the estimate is off by white noise of `sigma` and, at the end, by `off`."""
     rng = np.random.default_rng(seed)
     t_ns = 10_000_000 * np.arange(1, N + 1)
@@ -38,10 +38,10 @@ def made(name="a", off=(0.03, 0.0, 0.0), across=0.0, sigma=0.02, seed=0, innovat
 
 
 def test_a_consistent_run_is_called_consistent():
-    judged = compare(made(off=(0.0, 0.0, 0.0), across=0.05))
-    row = judged.rows()[0]
+    comparison = compare(run_with(off=(0.0, 0.0, 0.0), across=0.05))
+    row = comparison.rows()[0]
     assert row["verdict"] == "consistent"
-    assert judged.verdict == "CONSISTENT"
+    assert comparison.verdict == "CONSISTENT"
     assert row["ate_m"] == pytest.approx(0.02 * np.sqrt(2), rel=0.1)
     assert row["across_true_rms_m"] == pytest.approx(0.05)
     assert row["across_estimate_rms_m"] == pytest.approx(np.hypot(0.05, 0.02), rel=0.05)
@@ -49,64 +49,66 @@ def test_a_consistent_run_is_called_consistent():
 
 
 def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
-    first = made(events=(Event(0, "info", "refused", "", counted([Refusals("imu[2]", 12, 800)])),))
-    judged = compare([first, made("b")])
-    rows = judged.rows()
+    first = run_with(events=(Event(0, "info", "refused", "", counted([Refusals("imu[2]", 12, 800)])),))
+    comparison = compare([first, run_with("b")])
+    rows = comparison.rows()
     assert (rows[0]["refused_imu[2]"], rows[0]["arrived_imu[2]"]) == (12, 800)
     assert not any(key.startswith("refused") for key in rows[1])
-    (line,) = [line for line in judged.table().splitlines() if "imu[2]" in line]
+    (line,) = [line for line in comparison.table().splitlines() if "imu[2]" in line]
     assert line.split()[-4:] == ["12", "of", "800", "-"]
-    assert "refused" not in compare(made("b")).table()
+    assert "refused" not in compare(run_with("b")).table()
 
 
 def test_an_estimate_further_off_than_it_says_is_too_sure():
-    judged = compare([made(off=(0, 0, 0)), made("b", off=(0.2, 0.0, 0.0))])
-    assert [row["verdict"] for row in judged.rows()] == ["consistent", "too sure"]
-    assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("b", "too sure")]
-    assert judged.table().endswith("Fit the model again to find the cause.")
+    comparison = compare([run_with(off=(0, 0, 0)), run_with("b", off=(0.2, 0.0, 0.0))])
+    assert [row["verdict"] for row in comparison.rows()] == ["consistent", "too sure"]
+    assert [(reason.subject, reason.figures["how"]) for reason in comparison.reasons] == [("b", "too sure")]
+    assert comparison.table().endswith("Fit the model again to find the cause.")
 
 
 def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for_again():
-    judged = compare(made(off=(0.0, 0.0, 0.0), sigma=0.01))
-    assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("a", "too cautious")]
-    assert " ".join(judged.table().split()).endswith("Reduce disturbance_std or process_noise_cov.")
-    assert "Fit the model again" not in judged.table()
+    comparison = compare(run_with(off=(0.0, 0.0, 0.0), sigma=0.01))
+    assert [(reason.subject, reason.figures["how"]) for reason in comparison.reasons] == [
+        ("a", "too cautious")
+    ]
+    assert " ".join(comparison.table().split()).endswith("Reduce disturbance_std or process_noise_cov.")
+    assert "Fit the model again" not in comparison.table()
 
 
 def test_the_second_run_is_laid_beside_the_path_of_the_first():
-    rows = compare([made(across=0.01), made("b", across=-0.03)]).rows()
+    rows = compare([run_with(across=0.01), run_with("b", across=-0.03)]).rows()
     assert np.isnan(rows[0]["across_first_rms_m"])
     assert rows[1]["across_first_rms_m"] == pytest.approx(0.04)
 
 
 def test_what_a_run_does_not_hold_is_not_known():
-    row = compare(made(truth=None, reference=None, innovation=False)).rows()[0]
+    row = compare(run_with(truth=None, reference=None, innovation=False)).rows()[0]
     assert np.isnan(row["ate_m"])
     assert np.isnan(row["across_true_rms_m"])
     assert row["verdict"] == "not reported"
-    assert compare(made(estimate=None)).verdict == "NOT REPORTED"
+    assert compare(run_with(estimate=None)).verdict == "NOT REPORTED"
 
 
 def test_a_camera_without_velocities_still_judges_the_pose():
-    run = made(off=(0, 0, 0))
+    run = run_with(off=(0, 0, 0))
     blind = run.truth._replace(nu=np.full((N, 3), np.nan), nu_dot=np.full((N, 3), np.nan))
-    row = compare(made(off=(0, 0, 0), truth=blind)).rows()[0]
+    row = compare(run_with(off=(0, 0, 0), truth=blind)).rows()[0]
     assert np.isnan(row["speed_error_m_s"])
     assert row["nees_velocity_is"] == "not reported"
     assert row["verdict"] == "consistent"
 
 
 def test_the_first_seconds_can_be_left_out():
-    run = made()
+    run = run_with()
     eta = run.estimate.eta.copy()
     eta[:100, 0] += 5.0
-    run = made(estimate=run.estimate._replace(eta=eta))
+    run = run_with(estimate=run.estimate._replace(eta=eta))
     assert compare(run).rows()[0]["ate_m"] > 1.0
     assert compare(run, skip_s=1.0).rows()[0]["ate_m"] < 0.1
 
 
 def test_the_table_has_a_column_per_run_and_the_verdict():
-    text = compare([made(off=(0.2, 0, 0)), made("0002-repeat", off=(0.2, 0, 0))]).table()
+    text = compare([run_with(off=(0.2, 0, 0)), run_with("0002-repeat", off=(0.2, 0, 0))]).table()
     assert "0002-repeat" in text.splitlines()[0]
     assert "NEES, 1 if consistent" in text
     assert len([line for line in text.splitlines() if line.startswith("INCONSISTENT")]) == 1
@@ -115,8 +117,8 @@ def test_the_table_has_a_column_per_run_and_the_verdict():
 @pytest.mark.parametrize("runs", [1, 2, 5])
 def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
     names = ["a", "0012-replay-0003-repeat-of-a-long-name", "b", "c", "d"][:runs]
-    silent = made("a", innovation=False, events=(Event(0, "info", "refused", "imu[0]: 0 of 0"),))
-    several = [silent, *(made(name) for name in names[1:])]
+    silent = run_with("a", innovation=False, events=(Event(0, "info", "refused", "imu[0]: 0 of 0"),))
+    several = [silent, *(run_with(name) for name in names[1:])]
     text = compare(several).table()
     assert max(map(len, text.splitlines())) <= 80
     assert "of 0" not in text
@@ -128,8 +130,11 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
 
 
 def test_a_replay_is_judged_by_its_estimate_and_not_by_what_the_vehicle_did():
-    drive, other = made("drive", across=0.05), made("replay", across=0.05, metadata={"kind": "replay"})
-    text = compare([drive, other]).table()
+    drive, replayed_run = (
+        run_with("drive", across=0.05),
+        run_with("replay", across=0.05, metadata={"kind": "replay"}),
+    )
+    text = compare([drive, replayed_run]).table()
     assert "across" not in text.partition("drive: ")[0]
     assert "at a limit" not in text
     assert "position (ATE)" in text
@@ -137,36 +142,39 @@ def test_a_replay_is_judged_by_its_estimate_and_not_by_what_the_vehicle_did():
 
 
 def test_an_estimate_that_diverged_says_when_and_is_judged_until_then():
-    run = made(off=(0, 0, 0))
+    run = run_with(off=(0, 0, 0))
     eta = run.estimate.eta.copy()
     eta[700:, 0] = 1e16
-    one = compare(made(estimate=run.estimate._replace(eta=eta)))
-    assert one.runs[0].diverged_s == pytest.approx(7.0, abs=0.02)
-    assert one.runs[0].ate_m < 0.05
-    assert (one.verdict, one.reasons[0].figures["how"]) == ("INCONSISTENT", "diverged")
-    assert "diverged at 7.0 s" in one.table()
-    assert np.isnan(compare(made()).runs[0].diverged_s)
+    comparison = compare(run_with(estimate=run.estimate._replace(eta=eta)))
+    assert comparison.runs[0].diverged_s == pytest.approx(7.0, abs=0.02)
+    assert comparison.runs[0].ate_m < 0.05
+    assert (comparison.verdict, comparison.reasons[0].figures["how"]) == ("INCONSISTENT", "diverged")
+    assert "diverged at 7.0 s" in comparison.table()
+    assert np.isnan(compare(run_with()).runs[0].diverged_s)
 
 
 def test_a_covariance_that_is_none_is_named():
-    run = made(off=(0, 0, 0))
+    run = run_with(off=(0, 0, 0))
     cov = run.estimate.cov.copy()
     cov[100:] *= -1.0
-    one = compare(made(estimate=run.estimate._replace(cov=cov)))
-    assert one.runs[0].no_covariance == NoCovariance(N - 100, N, pytest.approx(1.0))
-    assert one.verdict == "INCONSISTENT"
-    assert "not positive definite at 1400 of 1500 ticks" in one.table()
+    comparison = compare(run_with(estimate=run.estimate._replace(cov=cov)))
+    assert comparison.runs[0].no_covariance == NoCovariance(N - 100, N, pytest.approx(1.0))
+    assert comparison.verdict == "INCONSISTENT"
+    assert "not positive definite at 1400 of 1500 ticks" in comparison.table()
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
         (lambda: compare([]), ("compare.no-runs", {})),
-        (lambda: compare(made(), over_s=0.0), ("compare.times", {"over_s": 0.0, "skip_s": 0.0})),
-        (lambda: compare(made(), alignment="sim"), ("compare.alignment", {"known": "none, start, rigid"})),
-        (lambda: compare(made(), made()), ("compare.not-a-list", {"kind": "Run"})),
+        (lambda: compare(run_with(), over_s=0.0), ("compare.times", {"over_s": 0.0, "skip_s": 0.0})),
         (
-            lambda: compare(made(), names=["a", "b"]),
+            lambda: compare(run_with(), alignment="sim"),
+            ("compare.alignment", {"known": "none, start, rigid"}),
+        ),
+        (lambda: compare(run_with(), run_with()), ("compare.not-a-list", {"kind": "Run"})),
+        (
+            lambda: compare(run_with(), names=["a", "b"]),
             ("compare.names", {"names": 2, "runs": 1}),
         ),
     ],
@@ -177,18 +185,18 @@ def test_a_question_without_sense_is_answered_in_words(call, words):
 
 
 def test_one_sentence_names_the_figure_and_the_state_that_is_furthest_off():
-    judged = compare(made(off=(0.0, 0.2, 0.0)))
-    sentence = judged.rows()[0]["sentence"]
+    comparison = compare(run_with(off=(0.0, 0.2, 0.0)))
+    sentence = comparison.rows()[0]["sentence"]
     assert sentence.startswith("The NEES of the pose is ")
     assert "the worst state is y, 1" in sentence
-    assert judged.rows()[0]["nees_y"] > 50.0
-    assert sentence.replace(" ", "") in judged.table().replace("\n", "").replace(" ", "")
+    assert comparison.rows()[0]["nees_y"] > 50.0
+    assert sentence.replace(" ", "") in comparison.table().replace("\n", "").replace(" ", "")
 
 
 def test_a_run_of_a_few_ticks_cannot_tell():
-    judged = compare(made(off=(0.0, 0.0, 0.0)).cut(0.0, 0.05))
-    assert judged.verdict == "CANNOT TELL"
-    assert judged.rows()[0]["sentence"].startswith("Not enough data: the errors of ")
+    comparison = compare(run_with(off=(0.0, 0.0, 0.0)).cut(0.0, 0.05))
+    assert comparison.verdict == "CANNOT TELL"
+    assert comparison.rows()[0]["sentence"].startswith("Not enough data: the errors of ")
 
 
 def test_innovations_speak_where_the_truth_cannot():

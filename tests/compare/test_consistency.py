@@ -58,7 +58,7 @@ def filtered(rng, few):
 
 def sentences(count, seed, few=False):
     """Share of wrong verdicts, and of those that speak where 100 independent samples are."""
-    rng, wrong, spoken = np.random.default_rng(seed), [], []
+    rng, wrong, decisions = np.random.default_rng(seed), [], []
     right = {
         "too sure": lambda k: k > 1.0,
         "too cautious": lambda k: k < 1.0,
@@ -69,8 +69,8 @@ def sentences(count, seed, few=False):
         for w in errors:
             word = consistency.band(w).verdict
             wrong.append(not right.get(word, lambda k: True)(kappa))
-            spoken += [word != "cannot tell"] if samples >= 100 else []
-    return float(np.mean(wrong)), float(np.mean(spoken))
+            decisions += [word != "cannot tell"] if samples >= 100 else []
+    return float(np.mean(wrong)), float(np.mean(decisions))
 
 
 def test_the_verdict_is_seldom_wrong_and_speaks_where_it_can():
@@ -97,14 +97,14 @@ def test_a_pose_that_nothing_bounds_has_too_few_samples_to_be_judged():
 def test_units_do_not_matter():
     scale = np.diag([1e6, 1e-6, 1.0])
     e = draws(50)
-    a, b = (consistency.squared(one) for one in (whitened(e, P), whitened(e @ scale, scale @ P @ scale)))
+    a, b = (consistency.squared(pair) for pair in (whitened(e, P), whitened(e @ scale, scale @ P @ scale)))
     np.testing.assert_allclose(a, b, rtol=1e-9)
 
 
 def test_a_singular_or_unknown_covariance_is_not_judged():
     cov = np.stack([P, np.zeros((3, 3)), np.full((3, 3), np.nan), -P])
-    squared = consistency.squared(consistency.whitened(np.ones((4, 3)), cov))
-    assert np.isfinite(squared).tolist() == [True, False, False, False]
+    squares = consistency.squared(consistency.whitened(np.ones((4, 3)), cov))
+    assert np.isfinite(squares).tolist() == [True, False, False, False]
 
 
 def test_a_silent_sensor_is_left_out_of_the_innovations():

@@ -34,18 +34,18 @@ def test_turning_the_map_changes_no_corridor():
     A = rng.standard_normal((3, 3))
     P, c, s = 0.01 * A @ A.T, np.cos(1.0), np.sin(1.0)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    here, turned = straight([P]), straight([R @ P @ R.T], 1.0)
-    assert turned.across_m == pytest.approx(here.across_m)
-    assert turned.area_m2 == pytest.approx(here.area_m2)
+    straight_corridor, turned_corridor = straight([P]), straight([R @ P @ R.T], 1.0)
+    assert turned_corridor.across_m == pytest.approx(straight_corridor.across_m)
+    assert turned_corridor.area_m2 == pytest.approx(straight_corridor.area_m2)
 
 
 @pytest.mark.parametrize("sd", [0.51, np.nan])
 def test_beyond_half_a_radian_the_vehicle_is_lost_and_the_corridor_ends(sd):
     P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
-    found = straight(P)
-    assert (found.lost_s, len(found.t_s)) == (2.0, 2)
-    assert found.sentence.startswith("lost after 2 s")
-    assert np.isnan(corridor_row(found)["corridor_across_m"])
+    corridor = straight(P)
+    assert (corridor.lost_s, len(corridor.t_s)) == (2.0, 2)
+    assert corridor.sentence.startswith("lost after 2 s")
+    assert np.isnan(corridor_row(corridor)["corridor_across_m"])
 
 
 def test_an_ellipse_holds_95_percent_of_a_normal_distribution_and_so_does_the_half_width():
@@ -54,20 +54,20 @@ def test_an_ellipse_holds_95_percent_of_a_normal_distribution_and_so_does_the_ha
     e = rng.standard_normal((200_000, 2)) @ A.T
     P = np.zeros((1, 3, 3))
     P[0, :2, :2], P[0, 2, 2] = A @ A.T, 0.01
-    found = straight(P)
+    corridor = straight(P)
     inside = np.einsum("ki,ij,kj->k", e, np.linalg.inv(A @ A.T), e) <= 5.991
     assert np.mean(inside) == pytest.approx(0.95, abs=0.002)
-    assert np.mean(np.abs(e[:, 1]) <= found.across_m[0]) == pytest.approx(0.95, abs=0.002)
+    assert np.mean(np.abs(e[:, 1]) <= corridor.across_m[0]) == pytest.approx(0.95, abs=0.002)
 
 
 def test_a_run_says_after_how_many_laps_and_compare_says_it_too():
     run = simulate_loop(load("small").with_values(SHARP), circle(0.3, 0.2), laps=2)
-    found = corridor_of(run)
-    assert found.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
-    assert found.sentence.startswith("after 2 laps the position is known to ± ")
-    judged = compare(run)
-    assert found.sentence in judged.table()
-    assert judged.rows()[0]["corridor_across_m"] == found.across_m[-1]
+    corridor = corridor_of(run)
+    assert corridor.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
+    assert corridor.sentence.startswith("after 2 laps the position is known to ± ")
+    comparison = compare(run)
+    assert corridor.sentence in comparison.table()
+    assert comparison.rows()[0]["corridor_across_m"] == corridor.across_m[-1]
 
 
 def test_an_eight_is_one_lap_although_it_crosses_its_start():
@@ -79,11 +79,11 @@ def test_the_forecast_and_the_corridor_claimed_afterwards_agree():
     file, route = load("small"), sinuous_circle(0.6, 0.06, 5, 0.2)
     ahead = corridor_ahead(file, route, 2)
     for seed in (1, 2):
-        driven = corridor_of(simulate_loop(file, route, seed, laps=2))
+        driven_corridor = corridor_of(simulate_loop(file, route, seed, laps=2))
         for row in ahead.rows():
-            k = int(np.searchsorted(driven.t_s, row["t_s"])) - 1
+            k = int(np.searchsorted(driven_corridor.t_s, row["t_s"])) - 1
             for name in ("across_m", "area_m2", "heading_rad"):
-                assert row[name] == pytest.approx(getattr(driven, name)[k], rel=0.2), (name, seed)
+                assert row[name] == pytest.approx(getattr(driven_corridor, name)[k], rel=0.2), (name, seed)
 
 
 def test_a_forecast_says_when_the_vehicle_is_lost():

@@ -25,8 +25,8 @@ def trajectories():
     truth, off = drive(0.0), drive(1.0)
     c, s = np.cos(0.7), np.sin(0.7)
     x, y, psi = off.T
-    moved = np.column_stack([x * c - y * s + 3, x * s + y * c - 1, wrap(psi + 0.7)])
-    return np.round(t * 1e9).astype(np.int64), moved, truth
+    moved_poses = np.column_stack([x * c - y * s + 3, x * s + y * c - 1, wrap(psi + 0.7)])
+    return np.round(t * 1e9).astype(np.int64), moved_poses, truth
 
 
 @pytest.mark.parametrize(
@@ -52,9 +52,9 @@ def test_a_truth_without_heading_is_laid_on_as_umeyama_does():
     a, b = eta[7:, :2] - eta[7:, :2].mean(axis=0), truth[7:, :2] - truth[7:, :2].mean(axis=0)
     U, _, Vt = np.linalg.svd(b.T @ a)
     R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt  # Umeyama 1991, without scale
-    left = np.hypot(*(a @ R.T - b).T)
+    errors_m = np.hypot(*(a @ R.T - b).T)
     off = errors.absolute(errors.aligned(eta, truth, "rigid"), truth)
-    np.testing.assert_allclose(off.position_m[7:], left, atol=1e-12)
+    np.testing.assert_allclose(off.position_m[7:], errors_m, atol=1e-12)
     assert np.isnan(off.heading_rad).all()
 
 
@@ -83,11 +83,11 @@ def test_relative_errors_do_not_span_a_gap():
 def test_truth_is_read_between_samples_and_never_made_up():
     of_ns = np.array([0, 100, 200, 2_000]) * 1_000_000
     eta = np.array([[0.0, 0, 3.1], [1, 0, -3.1], [2, 0, -3.0], [9, 0, 0]])
-    read = poses_at(np.array([-1, 50, 100, 1_000, 2_000, 2_001]) * 1_000_000, of_ns, eta)
-    assert np.isnan(read[[0, 3, 5]]).all()
-    np.testing.assert_allclose(read[1, 0], 0.5)
-    np.testing.assert_allclose(abs(read[1, 2]), np.pi, atol=1e-12)  # the short way, across ±π
-    np.testing.assert_allclose(read[4], eta[3])
+    poses = poses_at(np.array([-1, 50, 100, 1_000, 2_000, 2_001]) * 1_000_000, of_ns, eta)
+    assert np.isnan(poses[[0, 3, 5]]).all()
+    np.testing.assert_allclose(poses[1, 0], 0.5)
+    np.testing.assert_allclose(abs(poses[1, 2]), np.pi, atol=1e-12)  # the short way, across ±π
+    np.testing.assert_allclose(poses[4], eta[3])
 
 
 def test_distance_across_a_straight_path_is_positive_to_the_left():
@@ -117,17 +117,17 @@ def test_turning_the_world_changes_no_error():
     t_ns, eta, truth = trajectories()
     c, s = np.cos(2.0), np.sin(2.0)
 
-    def turned(p):
+    def turn(p):
         return np.column_stack(
             [p[:, :2] @ np.array([[c, s], [-s, c]]) + [5, -7], wrap(p[:, 2] + 2.0 + 2 * np.pi)]
         )
 
-    a, b = errors.relative(t_ns, eta, truth), errors.relative(t_ns, turned(eta), turned(truth))
+    a, b = errors.relative(t_ns, eta, truth), errors.relative(t_ns, turn(eta), turn(truth))
     np.testing.assert_allclose(a.position_m, b.position_m, atol=1e-12)
     np.testing.assert_allclose(a.heading_rad, b.heading_rad, atol=1e-12)
     path = errors.cross_track(t_ns, eta[:, :2], t_ns, truth[:, :2])
     np.testing.assert_allclose(
-        path, errors.cross_track(t_ns, turned(eta)[:, :2], t_ns, turned(truth)[:, :2]), atol=1e-10
+        path, errors.cross_track(t_ns, turn(eta)[:, :2], t_ns, turn(truth)[:, :2]), atol=1e-10
     )
 
 

@@ -40,8 +40,8 @@ def test_a_slow_swell_is_an_error_and_hardly_uneven():
 
 
 def test_speed_that_follows_a_changing_reference_is_even():
-    asked = 0.2 + 0.1 * np.sign(np.sin(T_S))
-    assert evenness.pace(T_NS, asked, asked) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
+    requested = 0.2 + 0.1 * np.sign(np.sin(T_S))
+    assert evenness.pace(T_NS, requested, requested) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
 def test_the_start_from_rest_is_left_out():
@@ -145,17 +145,17 @@ def a_run(at, u, vehicle_text, **extra):
     nu = np.column_stack([np.where(driving, 0.2, 0.0), 0 * at, 0 * at])
     eta = np.column_stack([0.01 * np.cumsum(nu[:, 0]), 0 * at, 0 * at])
     true = nu + np.array([0.02, 0.0, 0.0])
-    believed = nu + np.array([0.01, 0.0, 0.0])
+    velocity = nu + np.array([0.01, 0.0, 0.0])
     parts = {
         "sent": u,
-        "estimate": EstimateLog(t_ns, eta + 0.001, believed, np.tile(1e-4 * np.eye(6), (len(at), 1, 1))),
+        "estimate": EstimateLog(t_ns, eta + 0.001, velocity, np.tile(1e-4 * np.eye(6), (len(at), 1, 1))),
         "reference": ReferenceLog(t_ns, eta, nu, (~driving).astype(float)),
         "truth": TruthLog(t_ns, eta, true, 0 * true),
     }
     return Run("a", None, t_ns, np.zeros((len(at), 3)), vehicle_text=vehicle_text, **(parts | extra))
 
 
-def driven(**extra):
+def run_with(**extra):
     at = np.arange(3500)
     u = np.column_stack([np.where(at % 4 == 0, 0.9, 0.3), 0 * at, np.full(len(at), 0.2)])
     u[3001:] = 0.0
@@ -163,7 +163,7 @@ def driven(**extra):
 
 
 def test_a_drive_is_judged_by_truth_and_by_belief_until_the_guide_was_done():
-    row = compare(driven()).rows()[0]
+    row = compare(run_with()).rows()[0]
     assert row["pace_true_error_m_s"] == pytest.approx(0.02)
     assert row["pace_true_error"] == pytest.approx(0.1, rel=1e-3)
     assert row["pace_estimate_error"] == pytest.approx(0.05, rel=1e-3)
@@ -173,41 +173,41 @@ def test_a_drive_is_judged_by_truth_and_by_belief_until_the_guide_was_done():
 
 
 def test_the_table_says_how_evenly_it_drove():
-    text = compare(driven()).table()
+    text = compare(run_with()).table()
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert "ticks at a limit % 25" in lines
     assert "speed error, of the mean % 10" in lines
 
 
 def test_without_a_vehicle_file_the_share_at_a_limit_is_not_known_and_never_zero():
-    row = compare(driven(vehicle_text="")).rows()[0]
+    row = compare(run_with(vehicle_text="")).rows()[0]
     assert np.isnan(row["at_limit"])
     assert row["sign_changes_per_s"] == 0.0
-    assert "at a limit" not in compare(driven(vehicle_text="")).table()
+    assert "at a limit" not in compare(run_with(vehicle_text="")).table()
 
 
 def test_the_vehicle_file_of_another_vehicle_gives_no_limits():
-    assert np.isnan(compare(driven(vehicle_text=load("car").text)).rows()[0]["at_limit"])
+    assert np.isnan(compare(run_with(vehicle_text=load("car").text)).rows()[0]["at_limit"])
 
 
 def test_without_truth_what_was_believed_is_judged_and_a_camera_without_speeds_judges_none():
-    run = driven()
+    run = run_with()
     assert run.truth is not None
     blind = run.truth._replace(nu=np.full((3500, 3), np.nan))
     for truth in (None, blind):
-        row = compare(driven(truth=truth)).rows()[0]
+        row = compare(run_with(truth=truth)).rows()[0]
         assert np.isnan(row["pace_true_error"])
         assert row["pace_estimate_error"] == pytest.approx(0.05, rel=1e-3)
 
 
 def test_a_drive_without_a_guide_has_commands_and_no_speed_to_be_judged_by():
-    row = compare(driven(reference=None)).rows()[0]
+    row = compare(run_with(reference=None)).rows()[0]
     assert np.isnan(row["pace_true_error_m_s"])
     assert row["at_limit"] == pytest.approx(0.25 * 3001 / 3500, rel=0.01)
 
 
 def test_where_nothing_was_sent_the_command_in_force_is_judged():
-    run = driven(sent=None)
+    run = run_with(sent=None)
     assert compare(run).rows()[0]["at_limit"] == 0.0
 
 

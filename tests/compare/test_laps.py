@@ -27,12 +27,12 @@ def test_the_largest_distance_is_that_of_the_whole_drive():
     from baqueano.compare import compare
 
     run = simulate_loop(SMALL, circle(0.5, 0.2), laps=2)
-    compared = compare(run)
-    (judged,) = compared.runs
-    assert max(lap.max_m for lap in judged.laps) == pytest.approx(judged.across_true.max_m)
-    assert [row["lap"] for row in compared.laps()] == [1, 2]
-    assert compared.rows()[0]["laps"] == 2
-    assert "2 laps" in judged.sentences[0]
+    comparison = compare(run)
+    (judgement,) = comparison.runs
+    assert max(lap.max_m for lap in judgement.laps) == pytest.approx(judgement.across_true.max_m)
+    assert [row["lap"] for row in comparison.laps()] == [1, 2]
+    assert comparison.rows()[0]["laps"] == 2
+    assert "2 laps" in judgement.sentences[0]
 
 
 def test_an_open_route_has_none():

@@ -58,8 +58,8 @@ def test_the_command_of_a_steady_circle_makes_the_model_drive_it(name, v, w, law
     vehicle, nu_y = compiled(file.vehicle), 0.0
     for _ in range(3):  # the sideslip of the model at this circle
         nu = np.array([v, nu_y, w])
-        there = map_from_body(0.5 * w * late_s) @ (late_s * nu)  # where it is T from now
-        u = settled(controller, there, nu, np.zeros(3), nu)
+        pose = map_from_body(0.5 * w * late_s) @ (late_s * nu)  # where it is T from now
+        u = settled(controller, pose, nu, np.zeros(3), nu)
         state = vehicle.init()
         for _ in range(400):
             state, _ = vehicle.step(state, u, 1.0 / file.rate_hz, np.zeros(3))
@@ -93,12 +93,12 @@ def test_it_keeps_every_promise_of_a_controller(law):
 @pytest.mark.parametrize("law", LAWS)
 def test_compiled_and_as_written_it_gives_the_same_command(law):
     controller = SMALL.controller(law)
-    now, asked = estimate([0.1, -0.2, 3.1], [0.2, 0.01, 0.3]), reference([0.15, -0.2, -3.1], [0.2, 0.0, 0.4])
-    plain = controller.step(controller.init(), asked, now)
+    now, target = estimate([0.1, -0.2, 3.1], [0.2, 0.01, 0.3]), reference([0.15, -0.2, -3.1], [0.2, 0.0, 0.4])
+    plain = controller.step(controller.init(), target, now)
     for backend in ("c", "python"):
-        step = function(controller.step, controller.init(), asked, now, backend=backend)
+        step = function(controller.step, controller.init(), target, now, backend=backend)
         np.testing.assert_allclose(
-            step(controller.init(), asked, now)[1].u, plain[1].u, rtol=1e-12, atol=1e-14
+            step(controller.init(), target, now)[1].u, plain[1].u, rtol=1e-12, atol=1e-14
         )
 
 
@@ -111,12 +111,12 @@ angle, place = st.floats(-3.1, 3.1), st.floats(-50.0, 50.0)
 def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, turns):
     controller, nu, move = SMALL.controller(law), [0.2, 0.0, 0.3], np.array(move)
     e, r = np.array([x, y, psi]), np.array([0.0, 0.1, 0.2])
-    here = controller.step(controller.init(), reference(r, nu), estimate(e, nu))[1].u
+    command = controller.step(controller.init(), reference(r, nu), estimate(e, nu))[1].u
     full = np.array([0.0, 0.0, 2.0 * np.pi * turns])
-    there = controller.step(
+    moved_command = controller.step(
         controller.init(), reference(compose(move, r) + full, nu), estimate(compose(move, e), nu)
     )
-    np.testing.assert_allclose(there[1].u, here, atol=1e-8)
+    np.testing.assert_allclose(moved_command[1].u, command, atol=1e-8)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -124,9 +124,9 @@ def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, t
 def test_the_garages_vehicle_drives_evenly(shape, perfect):
     """The paper's PD with the gains of before: 51 to 124 % of speed error, 1 to 3 changes of sign a second."""
     run = simulate_loop(SMALL, SHAPES[shape](0.2), perfect=perfect)
-    kept = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
-    assert kept.error < 0.05
-    assert kept.uneven < 0.03
+    evenness = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
+    assert evenness.error < 0.05
+    assert evenness.uneven < 0.03
     assert share_at_limit(run.sent, limits_of(SMALL.text)) == 0.0
     assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
 
@@ -158,9 +158,9 @@ def test_it_joins_its_route_from_all_sides_within_a_metre(law):
             "joined", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, np.array(start)))[1], {}
         )
         off = np.abs(np.hypot(run.truth.eta[:, 0], run.truth.eta[:, 1] - 1.0) - 1.0)
-        travelled = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
-        assert travelled[-1] > 2.0
-        assert off[travelled > 1.0].max() < 0.03, start
+        way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / SMALL.rate_hz
+        assert way_m[-1] > 2.0
+        assert off[way_m > 1.0].max() < 0.03, start
 
 
 @pytest.mark.parametrize("law", ["pd_feedforward", "lqr", "pure_pursuit"])
@@ -172,7 +172,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), times(220, car.rate_hz)
     nu = np.array([speed if moving else 0.0, 0.0, 0.0])
     x, y, psi = circle(radius_m, speed).eta[0]
-    for ahead, left, turned in [
+    for ahead, left, heading_deg in [
         (0, 0.2, 30),
         (0, 0.2, -30),
         (0, -0.2, 30),
@@ -180,14 +180,16 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
         (-0.2, 0, 30),
         (0.2, 0, 30),
     ]:
-        state = begin(system, compose(np.array([x, y, psi]), np.array([ahead, left, np.radians(turned)])))
+        state = begin(
+            system, compose(np.array([x, y, psi]), np.array([ahead, left, np.radians(heading_deg)]))
+        )
         state = state._replace(world=state.world._replace(vehicle=state.world.vehicle._replace(nu=nu)))
         run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
         centre = x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)
         off = np.abs(np.hypot(run.truth.eta[:, 0] - centre[0], run.truth.eta[:, 1] - centre[1]) - radius_m)
-        travelled = np.cumsum(np.abs(run.truth.nu[:, 0])) / car.rate_hz
-        assert travelled[-1] > 1.5
-        assert off[travelled > 1.0].max() < 0.03, (ahead, left, turned)
+        way_m = np.cumsum(np.abs(run.truth.nu[:, 0])) / car.rate_hz
+        assert way_m[-1] > 1.5
+        assert off[way_m > 1.0].max() < 0.03, (ahead, left, heading_deg)
 
 
 def test_a_vehicle_that_moves_when_the_controller_begins_is_not_braked():
@@ -269,7 +271,7 @@ def test_a_wheel_that_cannot_do_both_turns_and_gives_up_speed():
     wheels = np.array([hasty[0] - hasty[2], hasty[0] + hasty[2]])
     assert np.max(np.abs(wheels) / limit) == pytest.approx(0.98, abs=1e-9)
     assert hasty[0] > calm[0]
-    alone = SMALL.vehicle.drivetrain.turn_first(np.array([0.9, 0.0, 0.4]))
-    np.testing.assert_allclose(alone, [0.58, 0.0, 0.4], atol=1e-12)
+    turn_only = SMALL.vehicle.drivetrain.turn_first(np.array([0.9, 0.0, 0.4]))
+    np.testing.assert_allclose(turn_only, [0.58, 0.0, 0.4], atol=1e-12)
     car = load("car").vehicle.drivetrain
     np.testing.assert_array_equal(car.turn_first(np.array([0.9, 0.4])), [0.9, 0.4])

@@ -59,11 +59,11 @@ def test_it_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m,
     route, controller = circle(radius_m, speed), law(file)
     x, y, psi = route.eta[0]
     centre = np.array([x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)])
-    for ahead, left, turned in PLACES:
-        start = compose(route.eta[0], np.array([ahead, left, np.radians(turned)]))
+    for ahead, left, heading_deg in PLACES:
+        start = compose(route.eta[0], np.array([ahead, left, np.radians(heading_deg)]))
         poses, u = drive(controller, file, route, start, 2.0 / speed, speed if moving else 0.0)
         off = np.abs(np.hypot(*(poses[:, :2] - centre).T) - radius_m)
-        assert np.max(off[round(1.0 / speed * HZ) :]) < 0.03, (ahead, left, turned)
+        assert np.max(off[round(1.0 / speed * HZ) :]) < 0.03, (ahead, left, heading_deg)
         assert np.all(np.abs(u) <= file.command.limit + 1e-9)
 
 
@@ -87,9 +87,9 @@ def test_a_wall_is_not_passed():
     """The route leads 0.5 m beyond the wall; without the wall it is followed."""
     route = line(1.5, 0.25)
     free, _ = drive(law(), SMALL, route, (0.0, 0.0, 0.0), 6.0)
-    kept, _ = drive(law(wall_high=np.array([1.0, np.inf])), SMALL, route, (0.0, 0.0, 0.0), 6.0)
+    eta, _ = drive(law(wall_high=np.array([1.0, np.inf])), SMALL, route, (0.0, 0.0, 0.0), 6.0)
     assert np.max(free[:, 0]) > 1.4
-    assert np.max(kept[:, 0]) < 1.01
+    assert np.max(eta[:, 0]) < 1.01
 
 
 def test_a_lap_of_the_whole_loop_stays_on_its_path():
@@ -107,32 +107,32 @@ def test_a_lap_of_the_whole_loop_stays_on_its_path():
 
 
 def test_where_the_solver_fails_the_old_plan_goes_on_and_then_the_drive_ends(monkeypatch):
-    controller, here = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
+    controller, standing = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
     ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
-    state, first = controller.step(controller.init(), ahead, here)
+    state, first = controller.step(controller.init(), ahead, standing)
     monkeypatch.setattr(BoundedProgram, "solve", lambda *_: None)
     for k in range(1, 11):
         t_ns = k * 20_000_000
-        state, command = controller.step(state, ahead._replace(t_ns=t_ns), here._replace(t_ns=t_ns))
+        state, command = controller.step(state, ahead._replace(t_ns=t_ns), standing._replace(t_ns=t_ns))
         assert state.failures == k
         assert np.isfinite(command.u).all()
     assert first.u[0] > 0.3
     with refused("mpc.unsolved", Invalid, ticks=11):
-        controller.step(state, ahead._replace(t_ns=10**9), here._replace(t_ns=10**9))
+        controller.step(state, ahead._replace(t_ns=10**9), standing._replace(t_ns=10**9))
 
 
 def test_a_tick_in_which_the_solver_fails_stands_in_the_run(monkeypatch):
     solve, calls = BoundedProgram.solve, []
 
-    def fails_twice(self, *given):
+    def fails_twice(self, *args):
         calls.append(1)
-        return None if len(calls) in (20, 21, 40) else solve(self, *given)
+        return None if len(calls) in (20, 21, 40) else solve(self, *args)
 
     monkeypatch.setattr(BoundedProgram, "solve", fails_twice)
     run = repeat(SMALL, line(1.0, 0.2), controller=Mpc, duration_s=1.0)
     events = [event for event in run.events if event.source == "controller"]
-    assert [(one.diagnostic.code, one.level) for one in events] == [("mpc.old-plan", "warning")] * 2
-    assert np.diff([one.t_ns for one in events]) == pytest.approx(20e9 / SMALL.rate_hz)
+    assert [(event.diagnostic.code, event.level) for event in events] == [("mpc.old-plan", "warning")] * 2
+    assert np.diff([event.t_ns for event in events]) == pytest.approx(20e9 / SMALL.rate_hz)
     assert stop_of(run) is None
 
 

@@ -84,15 +84,15 @@ place = st.floats(-50.0, 50.0)
 def test_moving_and_turning_the_world_changes_no_command(x, y, psi, xr, yr, psir, move, turns):
     move = np.array(move)
     e, r = np.array([x, y, psi]), np.array([xr, yr, psir])
-    state, here = PD.step(PD.init(), reference(*r), estimate(*e))
+    state, command = PD.step(PD.init(), reference(*r), estimate(*e))
     _, here_next = PD.step(state, reference(*r), estimate(*e, t_s=0.01))
     full = np.array([0.0, 0.0, 2.0 * np.pi * turns])
     r2, e2 = compose(move, r) + full, compose(move, e)
-    state, there = PD.step(PD.init(), reference(*r2), estimate(*e2))
+    state, moved_command = PD.step(PD.init(), reference(*r2), estimate(*e2))
     _, there_next = PD.step(state, reference(*r2), estimate(*e2, t_s=0.01))
-    at_the_cut = abs(abs(here.u[2] / 3.0) - np.pi) < 1e-6  # ±π is one heading and two errors
+    at_the_cut = abs(abs(command.u[2] / 3.0) - np.pi) < 1e-6  # ±π is one heading and two errors
     if not at_the_cut:
-        np.testing.assert_allclose(there.u, here.u, atol=1e-9)
+        np.testing.assert_allclose(moved_command.u, command.u, atol=1e-9)
         np.testing.assert_allclose(there_next.u, here_next.u, atol=1e-9)
 
 

@@ -26,16 +26,16 @@ class Hand(Observer):
                 self.operator.change("me", path, value)
 
 
-def driven(*changes, at=100):
-    file, operator, told = load("small"), Operator(), []
+def drive_with(*changes, at=100):
+    file, operator, messages = load("small"), Operator(), []
     operator.ask("me", "a mission")
-    observers = (Adjusting(operator, told.append), Hand(operator, at, *changes))
-    return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers, duration_s=12.0), told
+    observers = (Adjusting(operator, messages.append), Hand(operator, at, *changes))
+    return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers, duration_s=12.0), messages
 
 
 def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
-    file, run, told = driven(("controller.k_x", 0.0))
-    _, same, _ = driven()
+    file, run, messages = drive_with(("controller.k_x", 0.0))
+    _, same, _ = drive_with()
     before = load("small").controller().k_x
     first = int(np.flatnonzero(np.any(run.requested != same.requested, axis=1))[0])
     assert first in (101, 102)  # set after tick 100, seen by tick 101, in force for the next
@@ -45,7 +45,7 @@ def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
     assert event.diagnostic.figures == {
         "path": "controller.k_x", "before": str(float(before)), "now": "0.0"
     }  # fmt: skip
-    assert told[0]["said"] == event.diagnostic
+    assert messages[0]["said"] == event.diagnostic
     assert file.controller().k_x == before
 
 
@@ -64,24 +64,24 @@ def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
 )
 def test_a_change_that_is_not_allowed_is_reported_and_changes_nothing(path, value, code):
     own = load("small").controller()
-    one = Adjustable(own)
+    adjustable = Adjustable(own)
     with refused(code):
-        one.change(path, value)
-    assert one.block is own
+        adjustable.change(path, value)
+    assert adjustable.block is own
 
 
 def test_a_refused_change_does_not_end_the_drive():
-    _, run, told = driven(("supervisor.imu_timeout_s", 99.0), ("controller.k_x", "x"))
-    _, same, _ = driven()
+    _, run, messages = drive_with(("supervisor.imu_timeout_s", 99.0), ("controller.k_x", "x"))
+    _, same, _ = drive_with()
     np.testing.assert_array_equal(run.requested, same.requested)
-    assert [message["level"] for message in told] == ["warning", "warning"]
+    assert [message["level"] for message in messages] == ["warning", "warning"]
 
 
 def test_only_the_holder_of_a_drive_sets_gains():
     operator = Operator()
-    for who in ("me", "another"):
+    for person in ("me", "another"):
         with pytest.raises(SafetyStop):
-            operator.change(who, "controller.k_x", 1.0)
+            operator.change(person, "controller.k_x", 1.0)
     operator.ask("me", "a mission")
     with pytest.raises(SafetyStop):
         operator.change("another", "controller.k_x", 1.0)
@@ -91,16 +91,16 @@ def test_only_the_holder_of_a_drive_sets_gains():
 
 
 def test_a_pace_pauses_the_guide_and_goes_on_and_stands_in_the_run():
-    _, run, told = driven(("guide.pace", 0.0), at=100)
+    _, run, messages = drive_with(("guide.pace", 0.0), at=100)
     v = run.reference.nu[:, 0]
     assert v[100] == pytest.approx(0.3)
     assert np.all(v[101 + 70 :] == 0.0)  # it brakes in 0.6 s, and waits until it is given up
     assert np.max(np.abs(np.diff(v))) < 0.3 / 0.6 * 0.011
-    assert [message["said"].code for message in told] == ["door.set"]
+    assert [message["said"].code for message in messages] == ["door.set"]
 
 
 @pytest.mark.parametrize("value", [1.5, -0.1, float("nan"), "slow", None])
 def test_a_wrong_pace_is_refused_and_the_drive_goes_on(value):
-    _, run, told = driven(("guide.pace", value))
-    assert [message["said"].code for message in told] == ["door.guide-pace"]
+    _, run, messages = drive_with(("guide.pace", value))
+    assert [message["said"].code for message in messages] == ["door.guide-pace"]
     assert run.reference.done[-1] == 1.0

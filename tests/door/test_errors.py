@@ -11,19 +11,19 @@ from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, U
 KINDS = [AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop]
 
 
-def vehicle(**said):
+def vehicle(**message):
     """A service that answers with this error."""
-    return Remote(io.BytesIO(), io.BytesIO(json.dumps(said).encode() + b"\n"), "rover")  # type: ignore[arg-type]
+    return Remote(io.BytesIO(), io.BytesIO(json.dumps(message).encode() + b"\n"), "rover")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_code_is_that_of_the_error_that_it_came_from(kind):
-    here = of_code(kind.exit_code, "why")
-    assert (type(here), str(here)) == (kind, "why")
+    error = of_code(kind.exit_code, "why")
+    assert (type(error), str(error)) == (kind, "why")
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_the_vehicle_refuses_is_refused_here_for_the_same_reason(kind):
-    with pytest.raises(kind, match="why") as told:
+    with pytest.raises(kind, match="why") as error_info:
         vehicle(**{"is": "no", "why": "why", "code": kind.exit_code}).hear(("state",), 5.0)
-    assert type(told.value) is kind
+    assert type(error_info.value) is kind

@@ -29,15 +29,15 @@ def door(tmp_path):
 
 
 @pytest.fixture
-def come(door):
-    there = []
+def connect(door):
+    people = []
 
-    def come():
-        there.append(Person(door.path))
-        return there[-1]
+    def add_person():
+        people.append(Person(door.path))
+        return people[-1]
 
-    yield come
-    for person in there:
+    yield add_person
+    for person in people:
         person.close()
 
 
@@ -75,15 +75,15 @@ class Flood(threading.Thread):
         self.join()
 
 
-def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, come, turns):
-    floods = [Flood(come()) for _ in range(5)]
+def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, connect, turns):
+    floods = [Flood(connect()) for _ in range(5)]
     until(lambda: len(turns) > 20 * SHARE)
     for _ in range(5):
-        teacher, before = come(), len(turns)
+        teacher, before = connect(), len(turns)
         teacher.line.sendall(STOP)
-        while (said := teacher.hear())["is"] == "state":
+        while (message := teacher.hear())["is"] == "state":
             pass
-        assert said == {"is": "heard", "do": "stop"}
+        assert message == {"is": "heard", "do": "stop"}
         at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
         assert at - before <= 8 * SHARE  # of millions that are said meanwhile
         door.operator.forget(door.operator.why(False))
@@ -91,58 +91,58 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
         flood.end()
 
 
-def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, come, turns):
-    one = come()
-    one.line.sendall(RUNS * 200 + STOP + RUNS * 20)
+def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, connect, turns):
+    person = connect()
+    person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.why(False) is not None)
     at = next(k for k, line in enumerate(turns) if line.startswith(b'{"do": "stop"'))
     assert at <= SHARE
     assert door.operator.why(False).code == StopReason.STOPPED_BY
 
 
-def test_what_only_looks_like_a_stop_waits_for_its_turn(door, come):
-    one = come()
-    one.say(do="ping", token={"do": "stop"})
-    assert one.hear()["token"] == {"do": "stop"}
+def test_what_only_looks_like_a_stop_waits_for_its_turn(door, connect):
+    person = connect()
+    person.say(do="ping", token={"do": "stop"})
+    assert person.hear()["token"] == {"do": "stop"}
     assert door.operator.why(False) is None
 
 
-def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, come):
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        guest = Guest(ours)
-        theirs.sendall(RUNS * (3 * BACKLOG))
+def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, connect):
+    near_end, far_end = socket.socketpair()
+    with near_end, far_end:
+        guest = Guest(near_end)
+        far_end.sendall(RUNS * (3 * BACKLOG))
         assert list(guest.receive()) == []
         assert len(guest.lines) == BACKLOG
         assert guest.dropped == 2 * BACKLOG
-        theirs.sendall(STOP)
+        far_end.sendall(STOP)
         assert list(guest.receive()) == [STOP.rstrip()]
-    one = come()
-    one.line.sendall(RUNS * (4 * BACKLOG))
-    while (said := one.hear())["is"] == "runs":
+    person = connect()
+    person.line.sendall(RUNS * (4 * BACKLOG))
+    while (message := person.hear())["is"] == "runs":
         pass
-    assert said["about"]["code"] == "door.too-many"
+    assert message["about"]["code"] == "door.too-many"
 
 
 def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():
-    ours, theirs = socket.socketpair()
-    with ours, theirs:
-        ours.setblocking(False)
-        guest, mission = Guest(ours), b'{"do": "mission", "mission": "' + b"7" * LONG + b'"}\n'
+    near_end, far_end = socket.socketpair()
+    with near_end, far_end:
+        near_end.setblocking(False)
+        guest, mission = Guest(near_end), b'{"do": "mission", "mission": "' + b"7" * LONG + b'"}\n'
         lines = mission + BEAT * 100 + mission + BEAT * 100
-        sender = threading.Thread(target=theirs.sendall, args=(lines,))
+        sender = threading.Thread(target=far_end.sendall, args=(lines,))
         sender.start()
         until(lambda: not list(guest.receive()) and len(guest.lines) + guest.dropped == 202)
         sender.join()
         assert guest.dropped == 1  # the second mission
         assert [guest.next() for _ in range(201)] == [mission.rstrip(), *[BEAT.rstrip()] * 200]
-        theirs.sendall(BEAT)
+        far_end.sendall(BEAT)
         assert list(guest.receive()) == []
         assert guest.next() == BEAT.rstrip()  # its places are free again
 
 
-def test_lines_are_answered_in_equal_shares(door, come, turns):
-    flood, quiet = Flood(come()), come()
+def test_lines_are_answered_in_equal_shares(door, connect, turns):
+    flood, quiet = Flood(connect()), connect()
     until(lambda: len(turns) > 10 * SHARE)
     for k in range(20):
         before = len(turns)
@@ -152,16 +152,16 @@ def test_lines_are_answered_in_equal_shares(door, come, turns):
     flood.end()
 
 
-def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_taken(door, come):
+def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_taken(door, connect):
     door.tell({"is": "state", "state": "MISSION"})
     for _ in range(MOST_GUESTS):
-        assert come().hear()["is"] == "state"
-    late = come()
+        assert connect().hear()["is"] == "state"
+    late = connect()
     late.say(do="runs")
     assert late.hear()["about"]["code"] == "door.full"
     assert late.file.readline() == b""
-    more = [come() for _ in range(FOR_STOPS + 2)]  # who say nothing
-    teacher = come()
+    more = [connect() for _ in range(FOR_STOPS + 2)]  # who say nothing
+    teacher = connect()
     teacher.line.sendall(STOP)
     assert teacher.hear() == {"is": "heard", "do": "stop"}
     assert len(door._guests) <= MOST_GUESTS + FOR_STOPS
@@ -170,19 +170,19 @@ def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_tak
     assert more[0].file.readline() == b""
 
 
-def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, come):
-    people = [come() for _ in range(12)]
-    for one in people:
-        one.line.settimeout(20.0)
+def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, connect):
+    people = [connect() for _ in range(12)]
+    for person in people:
+        person.line.settimeout(20.0)
 
-    def pour(one):
+    def pour(person):
         try:
             for _ in range(64):  # 4 MB each, 64 kB are kept of all but one
-                one.line.sendall(b"x" * LONG)
+                person.line.sendall(b"x" * LONG)
         except OSError:
             return
 
-    threads = [threading.Thread(target=pour, args=(one,), daemon=True) for one in people]
+    threads = [threading.Thread(target=pour, args=(person,), daemon=True) for person in people]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -191,26 +191,26 @@ def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, come):
     assert sum(guest.coming for guest in door._guests) <= 64 * LONG + 12 * (LONG + PIECE)
 
 
-def test_a_long_line_is_refused_while_somebody_drives(door, come):
-    driver, other = come(), come()
+def test_a_long_line_is_refused_while_somebody_drives(door, connect):
+    driver, second = connect(), connect()
     until(lambda: len(door._guests) == 2)
     driver.say(do="mission", door=sockets.VERSION, mission="{}")
     until(lambda: door.operator.taken)
     with suppress(OSError):
         for _ in range(1000):
-            other.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG)
-    assert json.loads(other.file.readline())["about"]["code"] == "door.somebody"
+            second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG)
+    assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
 
 
-def test_a_page_is_silent_sooner_than_ssh(door, come):
+def test_a_page_is_silent_sooner_than_ssh(door, connect):
     assert HIDDEN_S < SILENCE_S
     for k, (by, silence_s) in enumerate((("page", HIDDEN_S), ("ssh", SILENCE_S))):
-        one = come()
-        one.say(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
+        person = connect()
+        person.say(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
         until(lambda: door.operator.taken)
         assert door.operator._silence_s == silence_s
         door.operator.next()
         door.operator.free()
-        one.close()
-        until(lambda one=one: not any(door.operator.holds(guest) for guest in door._guests))
+        person.close()
+        until(lambda person=person: not any(door.operator.holds(guest) for guest in door._guests))
         until(lambda: door.operator._holder is None)

@@ -34,7 +34,7 @@ class Listening(Observer):
 
 
 @pytest.fixture(scope="module")
-def driven():
+def drive_of_service():
     file, listening = load("small"), Listening()
     u = np.tile([0.5, 0.0, 0.2], (60, 1))
     run = experiment(file, u, observers=(listening,))
@@ -48,12 +48,12 @@ def door(tmp_path):
     door.close()
 
 
-def rows_of(drive, shown=0, columns=None):
-    return json.loads(drive.frame(shown, columns))
+def rows_of(drive, first_row=0, columns=None):
+    return json.loads(drive.frame(first_row, columns))
 
 
-def test_a_row_holds_the_numbers_of_its_tick(driven):
-    file, listening, run = driven
+def test_a_row_holds_the_numbers_of_its_tick(drive_of_service):
+    file, listening, run = drive_of_service
     drive = DriveRows(file, listening.estimator)
     frames = Frames()
     frames._drive = drive
@@ -78,25 +78,25 @@ def test_a_row_holds_the_numbers_of_its_tick(driven):
     assert row["progress"] is None
 
 
-def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(driven):
-    file, listening, _ = driven
-    drive, frames, shown, rows = DriveRows(file), Frames(), 0, []
+def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(drive_of_service):
+    file, listening, _ = drive_of_service
+    drive, frames, rows_shown, rows = DriveRows(file), Frames(), 0, []
     frames._drive = drive
     rng = np.random.default_rng(0)
     for record in listening.records:
         frames.look(record)
         if rng.random() < 0.3:
             drive.make()
-            if (line := drive.frame(shown, (0,))) is not None:
+            if (line := drive.frame(rows_shown, (0,))) is not None:
                 rows += json.loads(line)["x"]
-            shown = drive.row_count
+            rows_shown = drive.row_count
     drive.make()
-    rows += rows_of(drive, shown, (0,))["x"] if drive.row_count > shown else []
+    rows += rows_of(drive, rows_shown, (0,))["x"] if drive.row_count > rows_shown else []
     np.testing.assert_allclose(np.ravel(rows), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
 
 
-def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
-    file, listening, _ = driven
+def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(drive_of_service):
+    file, listening, _ = drive_of_service
     drive, frames = DriveRows(file), Frames()
     frames._drive = drive
     for k in range(3 * RING):
@@ -109,25 +109,25 @@ def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
 
 def test_progress_grows_over_all_laps_and_an_eights_crossing_is_not_a_short_cut():
     for route, laps in ((shapes.circle(0.5, 0.3), 3), (shapes.eight(0.5, 0.3), 2)):
-        along, found = AlongRoute(route), []
+        along, places = AlongRoute(route), []
         for _ in range(laps):
             for x, y in route.eta[::10, :2]:
-                found.append(along.where([x, y + 0.0]))
-        s, cross = np.array(found).T
+                places.append(along.where([x, y + 0.0]))
+        s, cross = np.array(places).T
         assert np.all(np.diff(s) > -1e-9)
         assert s[-1] == pytest.approx(laps * along.length_m, rel=0.02)
         np.testing.assert_allclose(cross, 0.0, atol=1e-6)
-    left = AlongRoute(shapes.circle(0.5, 0.3)).where([0.0, 0.02])
-    assert left[1] == pytest.approx(0.02, rel=0.01)
+    deviation = AlongRoute(shapes.circle(0.5, 0.3)).where([0.0, 0.02])
+    assert deviation[1] == pytest.approx(0.02, rel=0.01)
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
-    file, listening, _ = driven
+def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, drive_of_service):
+    file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     sleeper, healthy = Person(door.path), Person(door.path)
-    for one in (sleeper, healthy):
-        one.say(do="watch", hz=50)
+    for person in (sleeper, healthy):
+        person.say(do="watch", hz=50)
     until(lambda: sum(guest.hz > 0 for guest in door._guests) == 2)
     count, most = 0, 0
     for _ in range(150):
@@ -146,13 +146,13 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
             assert message["n"] >= (ends[-1] if ends else 0)
             ends.append(message["n"] + len(message["x"]))
     assert len(ends) < 100
-    for one in (sleeper, healthy):
-        one.close()
+    for person in (sleeper, healthy):
+        person.close()
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door, driven):
-    file, listening, _ = driven
+def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door, drive_of_service):
+    file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     person = Person(door.path)
     person.say(do="watch", hz=1)
@@ -172,23 +172,23 @@ def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door,
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, driven):
-    file, listening, _ = driven
+def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, drive_of_service):
+    file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
-    person, other = Person(door.path), Person(door.path)
+    person, viewer = Person(door.path), Person(door.path)
     person.say(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
-    other.say(do="watch", hz=5)
+    viewer.say(do="watch", hz=5)
     messages = [person.hear() for _ in range(3)]
     assert [m["is"] for m in messages] == ["vehicle", "fields", "route"]
     assert messages[1]["names"] == ["t", "eta.x"]
     assert messages[1]["units"] == ["s", "m"]
-    assert [other.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    assert [viewer.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for record in listening.records:
         door.frames.look(record)
-    for one, width in ((person, 2), (other, len(DriveRows(file).columns))):
+    for client, width in ((person, 2), (viewer, len(DriveRows(file).columns))):
         rows = []
         while len(rows) < len(listening.records):
-            frame = one.hear()
+            frame = client.hear()
             assert (frame["is"], frame["n"]) == ("frame", len(rows))
             rows += frame["x"]
         assert {len(row) for row in rows} == {width}
@@ -201,8 +201,8 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
     door.frames.look(listening.records[1])
     person.say(do="ping")
     assert person.hear()["is"] == "pong"
-    for one in (person, other):
-        one.close()
+    for client in (person, viewer):
+        client.close()
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -214,10 +214,10 @@ def test_what_is_reported_wakes_the_door_and_is_encoded_once(door, monkeypatch):
     until(lambda: len(door._guests) == 5)
     for k in range(20):
         door.tell({"is": "event", "said": k})
-        assert [one.hear()["said"] for one in people] == [k] * 5
+        assert [person.hear()["said"] for person in people] == [k] * 5
     assert len(encodings) == 20
-    for one in people:
-        one.close()
+    for person in people:
+        person.close()
 
 
 @pytest.mark.parametrize("hz", ["a", None, [], float("nan")])

@@ -59,14 +59,14 @@ def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
 def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_reported_to_drive():
     operator = Operator()
     operator.ask("me", "a mission")
-    with pytest.raises(SafetyStop) as refused:
+    with pytest.raises(SafetyStop) as error_info:
         operator.ask("another", "a mission")
-    about = refused.value.diagnostic
+    about = error_info.value.diagnostic
     assert (about.code, about.fix) == ("door.somebody", "baqueano robot stop")
     operator.next()
     operator.free()
-    with pytest.raises(SafetyStop) as refused:
+    with pytest.raises(SafetyStop) as error_info:
         operator.ask("another", "a mission")
-    assert refused.value.diagnostic.code == "door.somebody-waits"
+    assert error_info.value.diagnostic.code == "door.somebody-waits"
     operator.release("me")
     operator.ask("another", "a mission")

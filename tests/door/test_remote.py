@@ -28,7 +28,7 @@ class Vehicle:
         self.folder, self.operator = folder, Operator()
         self.door = Door(folder / "door", self.operator, folder)
         self.door.tell({"is": "state", "state": "READY", "why": None})
-        self.drives, self.asked = lambda name: [], threading.Event()
+        self.drives, self.requested = lambda name: [], threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
@@ -66,11 +66,11 @@ def mission():
 
 
 def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, mission, tmp_path):
-    theirs, mine = vehicle.run("theirs", 3), vehicle.run("mine", 5)
-    vehicle.drives = lambda name: [vehicle.done(theirs, id="another"), vehicle.done(mine, id=name)]
+    foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
+    vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]
     with reached(str(vehicle.door.path)) as remote:
         vehicle.door.tell({"is": "event", "level": "info", "said": note("imu.found")})
-        vehicle.door.tell(vehicle.done(theirs, id="another"))  # while this one still designs
+        vehicle.door.tell(vehicle.done(foreign, id="another"))  # while this one still designs
         remote.say(do="ping", token=1)
         end = time.monotonic() + PATIENCE_S
         while remote.inbox.qsize() < 3:
@@ -82,16 +82,16 @@ def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, miss
         assert events == []
 
 
-@pytest.mark.parametrize("theirs", [None, 1, 3])
+@pytest.mark.parametrize("version", [None, 1, 3])
 def test_a_vehicle_of_another_version_is_reported_before_anything_is_driven(
-    vehicle, mission, tmp_path, theirs
+    vehicle, mission, tmp_path, version
 ):
     with reached(str(vehicle.door.path)) as remote:
         remote.state.pop("door")
-        remote.state |= {} if theirs is None else {"door": theirs}
-        with pytest.raises(UsageError) as refused:
+        remote.state |= {} if version is None else {"door": version}
+        with pytest.raises(UsageError) as error_info:
             remote.perform(mission, tmp_path / "here.mcap")
-    about = refused.value.diagnostic
+    about = error_info.value.diagnostic
     assert (about.code, about.figures["ours"]) == ("door.version-of-robot", 2)
     assert about.fix.startswith("baqueano robot setup ")
     assert vehicle.operator.next() is None

@@ -34,12 +34,12 @@ class Child:
             [sys.executable, "-m", "baqueano.door.simulated", "small", "--pace", "20", *words],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=folder,
         )  # fmt: skip
-        self.heard = queue.Queue()
+        self.output = queue.Queue()
         threading.Thread(target=self._hear, daemon=True).start()
 
     def _hear(self):
         for line in self.process.stdout:
-            self.heard.put(json.loads(line))
+            self.output.put(json.loads(line))
 
     def say(self, **words):
         self.process.stdin.write(json.dumps(words).encode() + b"\n")
@@ -47,16 +47,16 @@ class Child:
 
     def until(self, true, beat=None):
         """Return the messages until this one, it included."""
-        end, said = time.monotonic() + PATIENCE_S, []
-        while not said or not true(said[-1]):
+        end, messages = time.monotonic() + PATIENCE_S, []
+        while not messages or not true(messages[-1]):
             assert time.monotonic() < end
             if beat is not None:
                 self.say(**beat)
             try:
-                said.append(self.heard.get(timeout=0.05))
+                messages.append(self.output.get(timeout=0.05))
             except queue.Empty:
                 continue
-        return said
+        return messages
 
     def drive(self, beat=None, **mission):
         self.say(do="mission", door=VERSION, id="one", **mission)
@@ -90,20 +90,22 @@ def test_it_teaches_repeats_and_shows_each_tick(child, folder):
     assert read_route(folder / "routes/oval.csv").closed
     child.say(do="routes")
     assert "oval" in [row["name"] for row in child.until(lambda m: m["is"] == "routes")[-1]["routes"]]
-    done, said = child.drive(kind="repeat", route="oval", laps=2)
+    done, messages = child.drive(kind="repeat", route="oval", laps=2)
     assert (done["code"], done["why"]) == (0, None)
     run = read_run(folder / "runs" / done["run"])
     assert run.metadata["kind"] == "repeat"
-    begin = next(k for k, m in enumerate(said) if m["is"] == "fields")  # before it a frame is of the lesson
-    rows = [row for m in said[begin:] if m["is"] == "frame" for row in m["x"]]
+    begin = next(
+        k for k, m in enumerate(messages) if m["is"] == "fields"
+    )  # before it a frame is of the lesson
+    rows = [row for m in messages[begin:] if m["is"] == "frame" for row in m["x"]]
     x = {name: np.array([row[k] for row in rows], dtype=float) for k, name in enumerate(names)}
     assert len(x["t"]) > 0.8 * len(run.t_ns)  # what was not read in time was replaced
     at = np.searchsorted(run.t_ns, np.round(x["t"] * 1e9).astype(int) - 1000)
     np.testing.assert_allclose(x["eta.x"], run.estimate.eta[at, 0], atol=1e-6)
     np.testing.assert_allclose(x["truth.y"], run.truth.eta[at, 1], atol=1e-6)
-    route = next(m for m in said if m["is"] == "route" and m["x"])
+    route = next(m for m in messages if m["is"] == "route" and m["x"])
     assert x["progress"][-1] == pytest.approx(2 * route["length_m"], rel=0.1)
-    states = [m for m in said if m["is"] == "state" and m["mission"] == "repeat"]
+    states = [m for m in messages if m["is"] == "state" and m["mission"] == "repeat"]
     assert states
     assert {m["laps"] for m in states} == {2}
 
@@ -177,10 +179,10 @@ def test_a_route_of_a_strange_name_is_not_listed(tmp_path):
 
     write_route(shape, tmp_path / "lab.csv")
     (tmp_path / "broken.csv").write_text("t_s\n")
-    stored = StoredRoutes(tmp_path)
-    assert [row["name"] for row in stored.rows()] == ["lab"]
+    routes = StoredRoutes(tmp_path)
+    assert [row["name"] for row in routes.rows()] == ["lab"]
     with pytest.raises(FileError):
-        stored.read("broken")
+        routes.read("broken")
 
 
 class Time:
@@ -218,11 +220,11 @@ def test_a_slow_computer_stretches_time_and_leaves_no_tick_out():
 
 
 def test_paused_time_stands_until_the_drive_is_interrupted():
-    clock, wanted = Time(), []
+    clock, interrupts = Time(), []
     pace = PacedClock(1.0, lambda: clock.now_s, clock.sleep)
     pace.pause()
     pace.go(ticks=3)
-    ticks = pace.ticks(100.0, lambda: bool(wanted) or clock.now_s > 5.0)
+    ticks = pace.ticks(100.0, lambda: bool(interrupts) or clock.now_s > 5.0)
     assert list(islice(ticks, 3)) == [10_000_000, 20_000_000, 30_000_000]
     assert clock.now_s < 0.1
     assert next(ticks) == 40_000_000
@@ -245,11 +247,11 @@ def test_no_vehicle_is_an_error_of_one_paragraph(tmp_path):
     assert issubclass(UsageError, BaqueanoError)
 
 
-def truths(said, names):
+def truths(messages, names):
     """Time [s] → true x, y of each row since the last drive began."""
-    begin = max(k for k, m in enumerate(said) if m["is"] == "fields")
+    begin = max(k for k, m in enumerate(messages) if m["is"] == "fields")
     t, x, y = (names.index(n) for n in ("t", "truth.x", "truth.y"))
-    return {row[t]: (row[x], row[y]) for m in said[begin:] if m["is"] == "frame" for row in m["x"]}
+    return {row[t]: (row[x], row[y]) for m in messages[begin:] if m["is"] == "frame" for row in m["x"]}
 
 
 def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, folder):
@@ -270,16 +272,16 @@ def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, f
     row = child.until(lambda m: m["is"] == "ledger" and m["rows"][0]["over"])[-1]["rows"][0]
     assert row["until_s"] > row["t_s"]
     done = child.until(lambda m: m["is"] == "done")[-1]
-    shaken = read_run(folder / "runs" / done["run"])
+    shaken_run = read_run(folder / "runs" / done["run"])
     child.say(do="again", from_s=push["t_s"], without=[2])
     messages = child.until(lambda m: m["is"] == "done")
     assert (messages[-1]["id"], messages[-1]["code"]) == ("again", 0)
     twin = read_run(folder / "runs" / messages[-1]["run"])
-    kept = [e.diagnostic.code for e in twin.events if e.source == "shake"]
-    assert kept == ["shake.tilt"]
-    first = int(np.searchsorted(shaken.t_ns, round(push["t_s"] * 1e9) + 1))
-    np.testing.assert_array_equal(twin.truth.eta[:first], shaken.truth.eta[:first])
-    assert np.any(twin.truth.eta[first:] != shaken.truth.eta[first : len(twin.truth.eta)])
+    codes = [e.diagnostic.code for e in twin.events if e.source == "shake"]
+    assert codes == ["shake.tilt"]
+    first = int(np.searchsorted(shaken_run.t_ns, round(push["t_s"] * 1e9) + 1))
+    np.testing.assert_array_equal(twin.truth.eta[:first], shaken_run.truth.eta[:first])
+    assert np.any(twin.truth.eta[first:] != shaken_run.truth.eta[first : len(twin.truth.eta)])
     assert len(truths(messages, names)) > 0.5 * len(twin.t_ns)
 
 
@@ -294,11 +296,11 @@ def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, fo
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
     child.say(do="stop", why="enough")
     twin = read_run(folder / "runs" / child.until(lambda m: m["is"] == "done")[-1]["run"])
-    shaken = read_run(folder / "runs" / first["run"])
+    shaken_run = read_run(folder / "runs" / first["run"])
     assert not [e for e in twin.events if e.source == "shake"]
-    n = min(len(twin.t_ns), len(shaken.t_ns))
-    np.testing.assert_array_equal(twin.truth.eta[:50], shaken.truth.eta[:50])
-    assert np.any(twin.truth.eta[50:n] != shaken.truth.eta[50:n])
+    n = min(len(twin.t_ns), len(shaken_run.t_ns))
+    np.testing.assert_array_equal(twin.truth.eta[:50], shaken_run.truth.eta[:50])
+    assert np.any(twin.truth.eta[50:n] != shaken_run.truth.eta[50:n])
     child.say(do="clear")
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
 

@@ -51,14 +51,14 @@ def door(tmp_path):
 @pytest.fixture
 def people(door):
     """Calls one more person to the door."""
-    there = []
+    group = []
 
-    def come():
-        there.append(Person(door.path))
-        return there[-1]
+    def add_person():
+        group.append(Person(door.path))
+        return group[-1]
 
-    yield come
-    for person in there:
+    yield add_person
+    for person in group:
         person.close()
 
 
@@ -84,30 +84,30 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
     )
     requests = []
     until(lambda: requests.append(door.operator.next()) or requests[-1] is not None)
-    what, attended, _ = requests[-1]
-    assert Mission.of_json(what).kind == "experiment"
+    mission, attended, _ = requests[-1]
+    assert Mission.of_json(mission).kind == "experiment"
     assert not attended
     commands = []
 
-    def arrived():  # said again and again: a set-point is one for 0.4 s only
+    def hand_arrives():  # said again and again: a set-point is one for 0.4 s only
         person.say(do="hand", u=[0.1, 0.0, 0.2])
         commands.append(door.operator.command(3))
         return commands[-1].any()
 
-    until(arrived)
+    until(hand_arrives)
     np.testing.assert_allclose(commands[-1], [0.1, 0.0, 0.2])
 
 
 def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, people):
     file = vehicle_file.load("small")
-    what = packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
-    person.say(do="mission", door=VERSION, mission=what)
+    mission = packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    person.say(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.next() is not None)
-    other = people()
-    other.say(do="mission", door=VERSION, mission=what)
-    assert other.hear()["about"]["code"] == "door.somebody"
-    other.say(do="hand", u=[1.0, 0.0, 0.0])
-    other.say(do="stop", why="it nears the stairs")
+    second = people()
+    second.say(do="mission", door=VERSION, mission=mission)
+    assert second.hear()["about"]["code"] == "door.somebody"
+    second.say(do="hand", u=[1.0, 0.0, 0.0])
+    second.say(do="stop", why="it nears the stairs")
     until(lambda: door.operator.why(False) is not None)
     assert door.operator.why(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert not door.operator.command(3).any()
@@ -115,18 +115,18 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, peo
 
 @pytest.mark.parametrize("ticks", [3, 3000])
 def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypatch, ticks):
-    file, decoded, loads = vehicle_file.load("small"), [], json.loads
+    file, decoded_texts, loads = vehicle_file.load("small"), [], json.loads
     person.say(
         do="mission", door=VERSION, mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
     )
     until(lambda: door.operator.next() is not None)
-    theirs = packed(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
-    monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
-    other = people()
-    other.say(do="mission", door=VERSION, mission=theirs)
-    assert loads(other.file.readline())["about"]["code"] == "door.somebody"
-    assert all(n <= LONG for n in decoded)  # a line at most, never the commands of a mission
-    assert len(decoded) == (len(theirs) < LONG)
+    large = packed(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
+    monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
+    second = people()
+    second.say(do="mission", door=VERSION, mission=large)
+    assert loads(second.file.readline())["about"]["code"] == "door.somebody"
+    assert all(n <= LONG for n in decoded_texts)  # a line at most, never the commands of a mission
+    assert len(decoded_texts) == (len(large) < LONG)
 
 
 def test_several_words_in_one_piece_are_all_received(door, person):
@@ -137,24 +137,24 @@ def test_several_words_in_one_piece_are_all_received(door, person):
 
 
 def test_rt14_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):
-    what = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
-    person.say(do="mission", door=VERSION, mission=what)
+    mission = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
+    person.say(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.next() is not None)
-    person.say(do="mission", door=VERSION, mission=what)
+    person.say(do="mission", door=VERSION, mission=mission)
     assert person.hear()["about"]["code"] == "door.own-mission"
     person.close()
-    other = people()
+    second = people()
     until(lambda: door.operator.why() is not None)  # nobody is heard any more
-    other.say(do="mission", door=VERSION, mission=what)
-    assert other.hear()["about"]["code"] == "door.mission"
-    other.say(do="beat")
-    other.say(do="hand", u=[1.0, 0.0, 0.0])
-    other.say(do="ping")
-    other.hear()
+    second.say(do="mission", door=VERSION, mission=mission)
+    assert second.hear()["about"]["code"] == "door.mission"
+    second.say(do="beat")
+    second.say(do="hand", u=[1.0, 0.0, 0.0])
+    second.say(do="ping")
+    second.hear()
     assert door.operator.why().code == StopReason.HOLDER_SILENT
     assert not door.operator.command(3).any()
     door.operator.free()
-    other.say(do="mission", door=VERSION, mission=what)
+    second.say(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.next() is not None)
 
 
@@ -203,10 +203,10 @@ def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_to
 
 
 @pytest.mark.parametrize(
-    "why", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
+    "reason", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
 )
-def test_a_stop_stops_for_any_reason(door, person, why):
-    person.say(do="stop", why=why)
+def test_a_stop_stops_for_any_reason(door, person, reason):
+    person.say(do="stop", why=reason)
     assert person.hear() == {"is": "heard", "do": "stop"}
     assert door.operator.why(False).code == StopReason.STOPPED_BY
 
@@ -221,10 +221,10 @@ def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
     data = np.random.default_rng(0).bytes(1_000_000)
     (tmp_path / "a.mcap").write_bytes(data)
     person.say(do="fetch", run="a.mcap")
-    content, left = b"", 1
-    while left:
+    content, remaining = b"", 1
+    while remaining:
         message = person.hear()
-        content, left = content + base64.b64decode(message["data"]), message["left"]
+        content, remaining = content + base64.b64decode(message["data"]), message["left"]
     assert content == data
 
 
@@ -237,11 +237,11 @@ def test_a_run_of_a_power_cut_without_a_byte_is_fetched(door, person, tmp_path):
 def test_a_run_that_is_being_written_is_not_among_the_runs(door, person, tmp_path):
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).touch()
-    for written, there in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
-        door.tell({"is": "state", "state": "MISSION", "run": written})
+    for open_file, names in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
+        door.tell({"is": "state", "state": "MISSION", "run": open_file})
         person.say(do="runs")
         until(lambda: person.hear()["is"] == "state")
-        assert person.hear() == {"is": "runs", "runs": there}
+        assert person.hear() == {"is": "runs", "runs": names}
 
 
 def test_ne5_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person, people):

@@ -28,8 +28,8 @@ class Straight(NamedTuple):
 
 def as_fitted(file, key="model.actuator_matrix"):
     """The same file, whose model comes from a fit."""
-    told = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), None, "USABLE")
-    return file.with_values({key: np.asarray(file.value(key)).tolist()}, {key: told})
+    provenance = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), None, "USABLE")
+    return file.with_values({key: np.asarray(file.value(key)).tolist()}, {key: provenance})
 
 
 def random_vehicle(seed):
@@ -65,11 +65,11 @@ def body(file, yaw_gain=1.0):
 
 def hand_for(seconds, u, rate_hz):
     """Somebody who wants `u` for so long, and then ends the drive."""
-    left = [round(seconds * rate_hz)]
+    ticks_to_go = [round(seconds * rate_hz)]
 
     def hand():
-        left[0] -= 1
-        if left[0] < 0:
+        ticks_to_go[0] -= 1
+        if ticks_to_go[0] < 0:
             raise KeyboardInterrupt
         return np.array(u, dtype=float)
 
@@ -91,5 +91,5 @@ def measured(run, way_m=WAY_M):
     assert way[-1] > way_m, f"only {way[-1]:.2f} m"
     rows = slice(0, int(np.searchsorted(way, way_m)) + 1)
     psi = np.degrees(np.unwrap(eta[rows, 2]) - eta[0, 2])
-    left = np.array([-np.sin(eta[0, 2]), np.cos(eta[0, 2])])
-    return Straight(psi[-1], np.abs(psi).max(), float((eta[rows][-1, :2] - eta[0, :2]) @ left), run)
+    sideways = np.array([-np.sin(eta[0, 2]), np.cos(eta[0, 2])])
+    return Straight(psi[-1], np.abs(psi).max(), float((eta[rows][-1, :2] - eta[0, :2]) @ sideways), run)

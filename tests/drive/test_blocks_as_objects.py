@@ -88,8 +88,8 @@ def in_a_cell(name="<cell 1>"):
 
 def test_a_class_and_an_object_drive_as_the_same_file_does():
     by_file = drive_with(controller=f"{__file__}:Push")
-    for mine in (Push, Push()):
-        assert np.array_equal(drive_with(controller=mine).applied, by_file.applied)
+    for controller in (Push, Push()):
+        assert np.array_equal(drive_with(controller=controller).applied, by_file.applied)
     assert not np.array_equal(drive_with(controller=Push(4.0)).applied, by_file.applied)
 
 
@@ -106,22 +106,22 @@ def test_each_verb_takes_them():
     assert lesson.metadata["controller"] == "Push(gain=4.0)"
     run = drive_with(guide=Ahead, estimator="dead_reckoning", controller=Push)
     assert np.array_equal(run.reference.eta[0], ROUTE.eta[-1])
-    again = replay(run, estimator="dead_reckoning", controller=Push())
-    assert np.array_equal(again.requested, run.requested)
+    replayed_run = replay(run, estimator="dead_reckoning", controller=Push())
+    assert np.array_equal(replayed_run.requested, run.requested)
     assert np.array_equal(replay(run, guide=Ahead, controller=Push).reference.eta[0], ROUTE.eta[-1])
 
 
 def test_a_run_keeps_the_text_of_a_block_and_its_numbers(tmp_path):
     run = drive_with(controller=Push(4.0), path=tmp_path / "run.mcap")
-    kept = read_run(tmp_path / "run.mcap").metadata
-    assert kept["controller"] == run.metadata["controller"] == "Push(gain=4.0)"
-    assert kept["controller.text"] == Path(__file__).read_text(encoding="utf-8")
-    assert "estimator.text" not in kept  # it is ours, and the version stands in the run
+    metadata = read_run(tmp_path / "run.mcap").metadata
+    assert metadata["controller"] == run.metadata["controller"] == "Push(gain=4.0)"
+    assert metadata["controller.text"] == Path(__file__).read_text(encoding="utf-8")
+    assert "estimator.text" not in metadata  # it is ours, and the version stands in the run
 
 
 def test_a_run_keeps_the_text_of_a_file_and_of_a_cell():
-    mine = resolve("controller", f"{__file__}:Push")()
-    assert "class Push" in drive_with(controller=mine).metadata["controller.text"]
+    controller = resolve("controller", f"{__file__}:Push")()
+    assert "class Push" in drive_with(controller=controller).metadata["controller.text"]
     assert drive_with(controller=in_a_cell()).metadata["controller.text"] == CELL
 
 
@@ -139,13 +139,15 @@ def test_a_guide_inside_of_another_is_named_and_its_text_is_kept(
     tmp_path, returned, code, figure, backend, eta
 ):
     """Guides of ours go around the one that is wrong: a pace, a way back and, beside its route, a lead-in."""
-    mine, line = tmp_path / "mine.py", 8 if code == StopReason.BLOCK_RAISED else 7
-    mine.write_text(GUIDE_INSIDE.format(returned=returned), encoding="utf-8")
-    how = {"way_back": True, "backend": backend, "duration_s": 0.3, "check": False}
-    run = repeat(SMALL, ROUTE, guide=resolve("guide", f"{mine}:Mine")(), eta=ROUTE.eta[0] + eta, **how)
-    why = stop_of(run)
-    assert (why.code, why.figures[figure[0]]) == (code, figure[1])
-    assert why.figures["block"] == f"guide Mine ({mine}:{line})"
+    own_file, line = tmp_path / "mine.py", 8 if code == StopReason.BLOCK_RAISED else 7
+    own_file.write_text(GUIDE_INSIDE.format(returned=returned), encoding="utf-8")
+    options = {"way_back": True, "backend": backend, "duration_s": 0.3, "check": False}
+    run = repeat(
+        SMALL, ROUTE, guide=resolve("guide", f"{own_file}:Mine")(), eta=ROUTE.eta[0] + eta, **options
+    )
+    reason = stop_of(run)
+    assert (reason.code, reason.figures[figure[0]]) == (code, figure[1])
+    assert reason.figures["block"] == f"guide Mine ({own_file}:{line})"
     assert run.metadata["guide"] == "Mine()"
     assert "class Mine" in run.metadata["guide.text"]
 
@@ -160,17 +162,19 @@ class Telling(Repeat):
 def test_a_guide_inside_of_another_tells_what_it_has_to_tell():
     guide = Telling.along(ROUTE)
     run = repeat(SMALL, ROUTE, guide=guide, eta=ROUTE.eta[0] + (0.1, 0.3, 0.0), way_back=True, duration_s=0.1)
-    told = [event.diagnostic.code for event in run.events if event.source == "guide"]
-    assert told == ["drive.on-mark"] * len(run.t_ns)
+    codes = [event.diagnostic.code for event in run.events if event.source == "guide"]
+    assert codes == ["drive.on-mark"] * len(run.t_ns)
 
 
 def test_a_run_says_where_the_text_of_a_block_is_not_known():
-    mine = in_a_cell("<cell 2>")
+    controller = in_a_cell("<cell 2>")
     del linecache.cache["<cell 2>"]
-    run = drive_with(controller=mine)
+    run = drive_with(controller=controller)
     assert "controller.text" not in run.metadata
-    (said,) = [e.diagnostic for e in run.events if e.diagnostic and e.diagnostic.code == "drive.text-unknown"]
-    assert said.figures == {"room": "controller", "block": "InACell"}
+    (event,) = [
+        e.diagnostic for e in run.events if e.diagnostic and e.diagnostic.code == "drive.text-unknown"
+    ]
+    assert event.figures == {"room": "controller", "block": "InACell"}
 
 
 @pytest.mark.parametrize(
@@ -179,13 +183,13 @@ def test_a_run_says_where_the_text_of_a_block_is_not_known():
      (Push(), "block.of-other-room")],
 )  # fmt: skip
 def test_what_cannot_stand_in_a_room_is_refused(block, code):
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         drive_with(estimator=block)
-    assert refused.value.diagnostic.code == code
+    assert error_info.value.diagnostic.code == code
 
 
 def test_a_run_without_a_vehicle_file_says_so():
 
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         replay(replace(drive_with(), vehicle_text=""))
-    assert refused.value.diagnostic.code == "drive.no-vehicle-in-run"
+    assert error_info.value.diagnostic.code == "drive.no-vehicle-in-run"

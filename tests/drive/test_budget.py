@@ -54,11 +54,11 @@ def test_a_block_that_hangs_is_stopped_and_its_line_is_named():
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
         ticking=simulated(file.rate_hz, 1.0), live=True,
     )  # fmt: skip
-    why = stop_of(run)
-    assert why.code == StopReason.BLOCK_RAISED
-    assert why.figures["block"].startswith("controller Hangs (")
-    assert "test_budget.py:" in why.figures["block"]
-    assert "longer than 100 ms" in why.figures["error"]
+    reason = stop_of(run)
+    assert reason.code == StopReason.BLOCK_RAISED
+    assert reason.figures["block"].startswith("controller Hangs (")
+    assert "test_budget.py:" in reason.figures["block"]
+    assert "longer than 100 ms" in reason.figures["error"]
     assert np.all(run.applied[-20:] == 0.0)
 
 
@@ -66,15 +66,15 @@ def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
     file = vehicle_file.load("small")
     lifted = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")
 
-    class Lifted(Observer):
-        said = iter([None] * 20 + [lifted] + [None] * 1000)
+    class LiftWatch(Observer):
+        answers = iter([None] * 20 + [lifted] + [None] * 1000)
 
         def why(self, t_ns):
-            return next(self.said)
+            return next(self.answers)
 
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, observers=[Lifted()],
+        world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
     )  # fmt: skip
     assert stop_of(run) == lifted
     assert np.any(run.applied[:20] != 0.0)
@@ -89,7 +89,7 @@ def test_the_alarm_is_given_back_and_does_not_ring_later():
     assert signal.getsignal(signal.SIGALRM) is before
 
 
-class Interrupted:
+class AlarmAtInstruction:
     """Rings the alarm at the instruction number `at` of `within` and of what it calls, as long as the alarm is set."""
 
     def __init__(self, at):
@@ -113,7 +113,7 @@ def test_an_alarm_at_any_instruction_is_a_timeout_or_too_late_and_nothing_else()
         True  # Python 3.12 tells of instructions only if it was asked before `settrace`
     )
     for at in itertools.count(1):
-        alarm = Interrupted(at)
+        alarm = AlarmAtInstruction(at)
         sys.settrace(alarm)
         try:
             ends.append(within(5.0, lambda: 7))

@@ -51,19 +51,19 @@ class ByTruth(Observer):
             return np.zeros(3)
         if not self.goals:
             raise KeyboardInterrupt
-        left = self.goals[0] - self.turned
-        if abs(left) < 0.01 and abs(self.world.truth.nu[2]) < 0.05:
+        remaining = self.goals[0] - self.turned
+        if abs(remaining) < 0.01 and abs(self.world.truth.nu[2]) < 0.05:
             self.goals, self.rest = self.goals[1:], 150
-        turn = np.clip(1.2 * left, -0.7, 0.7)
-        ahead = self.ahead if abs(left) > 0.5 else 0.0
-        return np.array([ahead, 0.0, turn + np.sign(left) * 0.32 * (abs(left) > 0.01)])
+        turn = np.clip(1.2 * remaining, -0.7, 0.7)
+        ahead = self.ahead if abs(remaining) > 0.5 else 0.0
+        return np.array([ahead, 0.0, turn + np.sign(remaining) * 0.32 * (abs(remaining) > 0.01)])
 
     def marked(self):
         marks, self.marks = self.marks, 0
         return marks
 
 
-def driven(file, turns, seed=3, ahead=0.0, scale=TRUE):
+def drive_of_turns(file, turns, seed=3, ahead=0.0, scale=TRUE):
     """A run of turns to these headings [rad], with a mark standing at each; the gyro says `scale` of them."""
     truth = override(file, (f"sensors.imu.gyro_scale={scale}",))
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed)
@@ -73,39 +73,39 @@ def driven(file, turns, seed=3, ahead=0.0, scale=TRUE):
 
 def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
     for seed in (11, 12, 13):
-        run = driven(file, [2.0 * np.pi, 6.0 * np.pi], seed)
+        run = drive_of_turns(file, [2.0 * np.pi, 6.0 * np.pi], seed)
         assert len(marks_of(run)) == 3
-        found = closure(run, file)
-        assert found.turns == 3
-        assert abs(found.scale - TRUE) < 2.0 * found.sd < 0.01
-        assert found.values == {
-            "sensors.imu.gyro_scale": pytest.approx(found.scale, rel=1e-4),
-            "sensors.imu.gyro_scale_std": pytest.approx(found.sd / found.scale, rel=0.05),
+        loop = closure(run, file)
+        assert loop.turns == 3
+        assert abs(loop.scale - TRUE) < 2.0 * loop.sd < 0.01
+        assert loop.values == {
+            "sensors.imu.gyro_scale": pytest.approx(loop.scale, rel=1e-4),
+            "sensors.imu.gyro_scale_std": pytest.approx(loop.sd / loop.scale, rel=0.05),
         }
-        assert f"--set sensors.imu.gyro_scale={found.values['sensors.imu.gyro_scale']}" in found.table()
+        assert f"--set sensors.imu.gyro_scale={loop.values['sensors.imu.gyro_scale']}" in loop.table()
 
 
 def test_turns_to_the_right_tell_the_same(file):
-    found = closure(driven(file, [-4.0 * np.pi]), file)
-    assert found.turns == -2
-    assert abs(found.scale - TRUE) < 2.0 * found.sd
+    loop = closure(drive_of_turns(file, [-4.0 * np.pi]), file)
+    assert loop.turns == -2
+    assert abs(loop.scale - TRUE) < 2.0 * loop.sd
 
 
 def test_half_a_turn_is_refused(file):
     with refused("marks.no-whole-turn", AnswerNo):
-        closure(driven(file, [3.0 * np.pi]), file)
+        closure(drive_of_turns(file, [3.0 * np.pi]), file)
 
 
 def test_a_drive_without_rest_is_refused(file):
-    run = driven(file, [2.0 * np.pi])
-    moved = np.array(run.applied)
-    moved[moved == 0.0] = 1e-9
+    run = drive_of_turns(file, [2.0 * np.pi])
+    commands = np.array(run.applied)
+    commands[commands == 0.0] = 1e-9
     with refused("marks.stood-too-short", AnswerNo):
-        closure(replace(run, applied=moved), file)
+        closure(replace(run, applied=commands), file)
 
 
 def test_one_mark_or_no_gyro_tells_nothing(file):
-    run = driven(file, [2.0 * np.pi])
+    run = drive_of_turns(file, [2.0 * np.pi])
     with refused("marks.too-few", AnswerNo, marks=1):
         closure(replace(run, events=run.events[:1]), file)
     with refused("marks.no-gyro", AnswerNo):
@@ -113,7 +113,7 @@ def test_one_mark_or_no_gyro_tells_nothing(file):
 
 
 def test_an_eight_is_refused_with_and_without_a_mark_at_its_crossing(file):
-    run = driven(file, [2.0 * np.pi, 0.0], ahead=0.45)
+    run = drive_of_turns(file, [2.0 * np.pi, 0.0], ahead=0.45)
     first, middle, last = (e for e in run.events if e.source == "mark")
     for events in ((first, middle, last), (first, last)):
         with refused("marks.no-turn", AnswerNo):
@@ -127,13 +127,13 @@ def test_the_scale_of_the_wheels_takes_a_length_and_no_closure_tells_it(tmp_path
     path.write_text(text, encoding="utf-8")
     file = vehicle_file.load(path)
     truth = override(file, ("sensors.wheels.radius_scale=[1.05,1.05]",))
-    run = driven(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
+    run = drive_of_turns(truth, [6.0 * np.pi], ahead=0.7, scale=1.0)
     assert set(closure(run, file).values) == {"sensors.imu.gyro_scale", "sensors.imu.gyro_scale_std"}
     inside = (run.truth.t_ns >= marks_of(run)[0]) & (run.truth.t_ns <= marks_of(run)[1])
     length_m = float(np.sum(run.truth.nu[inside, 0]) / file.rate_hz)
-    found = closure(run, file, length_m)
-    np.testing.assert_allclose(found.values["sensors.wheels.radius_scale"], 1.05, rtol=0.005)
-    assert f"of {length_m:g} m" in found.table()
+    loop = closure(run, file, length_m)
+    np.testing.assert_allclose(loop.values["sensors.wheels.radius_scale"], 1.05, rtol=0.005)
+    assert f"of {length_m:g} m" in loop.table()
 
 
 def test_a_loop_that_is_driven_larger_closes_as_well():

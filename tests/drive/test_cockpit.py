@@ -55,8 +55,8 @@ class Terminal:
         self.closed = True
 
 
-def cockpit(terminal, **how):
-    return Cockpit(LIMIT, terminal, now=terminal.now, sleep=terminal.sleep, **how)
+def cockpit(terminal, **options):
+    return Cockpit(LIMIT, terminal, now=terminal.now, sleep=terminal.sleep, **options)
 
 
 def wait(hand, terminal, seconds):
@@ -247,9 +247,9 @@ def test_a_set_point_below_the_dead_zone_is_reported_until_something_moves():
         assert hand.status.still == "", "nothing is wanted"
         terminal.type("w", "w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.08)
-        told = "0.08 is below the dead zone of 0.14: nothing moves; that key again, or +"
-        assert hand.status.still == told
-        assert told.encode() in terminal.sent, "and fits its line"
+        message = "0.08 is below the dead zone of 0.14: nothing moves; that key again, or +"
+        assert hand.status.still == message
+        assert message.encode() in terminal.sent, "and fits its line"
         terminal.type("w", "w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.16)
         assert hand.status.still == "", "the left wheel turns"

@@ -98,11 +98,11 @@ def test_teaching_with_a_list_of_commands():
 
 
 def test_teaching_by_hand_until_the_hand_lets_go():
-    pressed = iter([np.array([0.5, 0.0, 0.0])] * 150)
+    hand_commands = iter([np.array([0.5, 0.0, 0.0])] * 150)
 
     def hand():
         try:
-            return next(pressed)
+            return next(hand_commands)
         except StopIteration:
             raise KeyboardInterrupt from None
 
@@ -169,47 +169,47 @@ def test_es12_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path)
         run = teach(FILE, ROUTE, **options).run
     else:
         run = experiment(FILE, np.random.default_rng(0).uniform(-1, 1, (150, 3)) * LIMIT, **options)
-    again = replay(read_run(path), FILE)
+    replayed_run = replay(read_run(path), FILE)
     for name in ("estimate", "reference", "truth"):
-        assert same_log(getattr(again, name), getattr(run, name))
-    assert np.array_equal(again.requested, run.requested, equal_nan=True)
-    assert np.array_equal(again.sent, run.sent, equal_nan=True)
-    assert np.array_equal(again.applied, run.applied)
+        assert same_log(getattr(replayed_run, name), getattr(run, name))
+    assert np.array_equal(replayed_run.requested, run.requested, equal_nan=True)
+    assert np.array_equal(replayed_run.sent, run.sent, equal_nan=True)
+    assert np.array_equal(replayed_run.applied, run.applied)
 
 
 def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
-    kept = repeat(FILE, ROUTE, laps=1, seed=9)
-    written = repeat(FILE, ROUTE, laps=1, seed=9, path=tmp_path / "run.mcap")
-    assert kept.metadata.items() <= written.metadata.items()
+    in_memory = repeat(FILE, ROUTE, laps=1, seed=9)
+    from_file = repeat(FILE, ROUTE, laps=1, seed=9, path=tmp_path / "run.mcap")
+    assert in_memory.metadata.items() <= from_file.metadata.items()
     for name in ("applied", "requested", "sent", "t_ns"):
-        assert np.array_equal(getattr(kept, name), getattr(written, name))
+        assert np.array_equal(getattr(in_memory, name), getattr(from_file, name))
     for name in ("estimate", "reference", "truth"):
-        assert same_log(getattr(kept, name), getattr(written, name))
-    assert same_log(kept.sensors["imu"], written.sensors["imu"])
-    assert written.vehicle_text == "# small\n"
+        assert same_log(getattr(in_memory, name), getattr(from_file, name))
+    assert same_log(in_memory.sensors["imu"], from_file.sensors["imu"])
+    assert from_file.vehicle_text == "# small\n"
 
 
 def test_replay_through_other_blocks_keeps_what_the_motors_got():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     lazy = Blocks(FILE.estimator(), Repeat.along(ROUTE), Pd(alpha=0.1, beta=0.1), FILE.supervisor())
-    again = replay(run, FILE, lazy)
-    assert np.array_equal(again.applied, run.applied)
-    assert same_log(again.estimate, run.estimate)
-    assert not np.array_equal(again.requested, run.requested)
+    replayed_run = replay(run, FILE, lazy)
+    assert np.array_equal(replayed_run.applied, run.applied)
+    assert same_log(replayed_run.estimate, run.estimate)
+    assert not np.array_equal(replayed_run.requested, run.requested)
 
 
 def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_bit_for_bit():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     keep = (run.t_ns < 2_000_000_000) | (run.t_ns > 3_000_000_000)
     imu = run.sensors["imu"]
-    heard = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
+    received = (imu.arrival_ns < 2_000_000_000) | (imu.arrival_ns > 3_000_000_000)
     torn = replace(
         run,
         t_ns=run.t_ns[keep],
         applied=run.applied[keep],
         requested=run.requested[keep],
         sent=run.sent[keep],
-        sensors={"imu": Channel(*(column[heard] for column in imu))},
+        sensors={"imu": Channel(*(column[received] for column in imu))},
     )
     once = replay(torn, FILE)
     assert once.events[0].text == "101 silent ticks were put where the recording has holes"
@@ -228,29 +228,29 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
         **vars(FILE)
         | {"sensors": sensors, "estimator": lambda kind=None: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
     )
-    again = replay(run, with_mark)
-    first = again.events[0].diagnostic
+    replayed_run = replay(run, with_mark)
+    first = replayed_run.events[0].diagnostic
     assert (first.code, first.figures) == ("replay.without-sensor", {"sensor": "mark"})
-    assert len(again.sensors["mark"].t_ns) == 0
-    assert stop_of(again) is None
-    np.testing.assert_allclose(again.estimate.eta, run.estimate.eta, atol=1e-9)
-    np.testing.assert_allclose(again.estimate.cov, run.estimate.cov, atol=1e-9)
-    assert np.isnan(again.estimate.innovation[:, 3]).all()
+    assert len(replayed_run.sensors["mark"].t_ns) == 0
+    assert stop_of(replayed_run) is None
+    np.testing.assert_allclose(replayed_run.estimate.eta, run.estimate.eta, atol=1e-9)
+    np.testing.assert_allclose(replayed_run.estimate.cov, run.estimate.cov, atol=1e-9)
+    assert np.isnan(replayed_run.estimate.innovation[:, 3]).all()
 
 
 def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     imu = run.sensors["imu"]
-    stamped = replace(run, sensors={"imu": imu._replace(t_ns=imu.t_ns - 3_000_000)})
+    stamped_run = replace(run, sensors={"imu": imu._replace(t_ns=imu.t_ns - 3_000_000)})
     for path in (None, tmp_path / "run.mcap"):
-        assert same_log(replay(stamped, FILE, path=path).sensors["imu"], stamped.sensors["imu"])
+        assert same_log(replay(stamped_run, FILE, path=path).sensors["imu"], stamped_run.sensors["imu"])
 
 
 def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():
     heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
     u = np.tile([0.5, 0.0, 0.0], (100, 1))
-    believed, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
-    assert real.truth.nu[-1, 0] < 0.8 * believed.truth.nu[-1, 0]
+    same, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
+    assert real.truth.nu[-1, 0] < 0.8 * same.truth.nu[-1, 0]
 
 
 def test_worlds_and_files_of_different_kinds_do_not_meet():
@@ -261,8 +261,8 @@ def test_worlds_and_files_of_different_kinds_do_not_meet():
 
 
 def test_progress_is_reported():
-    seen = []
-    experiment(FILE, np.zeros((200, 3)), observers=[Progress(seen.append)])
-    assert seen[0] == pytest.approx(0.01)
-    assert len(seen) == 5
-    assert np.all(np.diff(seen) > 0.0)
+    progress = []
+    experiment(FILE, np.zeros((200, 3)), observers=[Progress(progress.append)])
+    assert progress[0] == pytest.approx(0.01)
+    assert len(progress) == 5
+    assert np.all(np.diff(progress) > 0.0)

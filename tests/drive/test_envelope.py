@@ -19,16 +19,16 @@ from tests.codes import refused
 @pytest.fixture(scope="module")
 def small():
     """The small vehicle, fitted to slow driving."""
-    seen = Envelope(
+    envelope = Envelope(
         ("u_x", "u_y", "u_psi", "imu[2]"), np.array([-0.5, 0, -0.2, -3]), np.array([0.5, 0, 0.2, 3]), "slow"
     )
-    return load("small").with_values({}, envelope=seen)
+    return load("small").with_values({}, envelope=envelope)
 
 
 def flags(run):
     """What is said of the model in a run."""
-    said = [event.diagnostic for event in run.events if event.source == "model"]
-    return [one for one in said if one.code == "envelope.left"]
+    events = [event.diagnostic for event in run.events if event.source == "model"]
+    return [event for event in events if event.code == "envelope.left"]
 
 
 SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 1))
@@ -42,11 +42,11 @@ def test_a_fit_writes_the_motion_that_it_saw(small):
         ["model.mass_kg"],
         options=FitOptions(diagnose=False),
     )
-    seen = fit.vehicle_file.envelope
-    assert seen.names == ("u_x", "u_y", "u_psi", "imu[2]")
-    assert seen.run == "first"
-    np.testing.assert_allclose(seen.high[:3], u.max(axis=0), rtol=1e-3)
-    assert 1.0 < seen.high[3] < 12.0
+    envelope = fit.vehicle_file.envelope
+    assert envelope.names == ("u_x", "u_y", "u_psi", "imu[2]")
+    assert envelope.run == "first"
+    np.testing.assert_allclose(envelope.high[:3], u.max(axis=0), rtol=1e-3)
+    assert 1.0 < envelope.high[3] < 12.0
 
 
 def test_a_drive_within_the_envelope_is_not_flagged(small):
@@ -55,11 +55,11 @@ def test_a_drive_within_the_envelope_is_not_flagged(small):
 
 
 def test_a_drive_beyond_the_envelope_is_flagged(small):
-    said = flags(experiment(small, FAST))
-    assert len(said) == 1
-    assert (said[0].code, said[0].subject) == ("envelope.left", "u_x")
-    assert said[0].figures["most"] == 0.9
-    assert said[0].figures["beyond_percent"] == pytest.approx(99.0, abs=0.5)
+    events = flags(experiment(small, FAST))
+    assert len(events) == 1
+    assert (events[0].code, events[0].subject) == ("envelope.left", "u_x")
+    assert events[0].figures["most"] == 0.9
+    assert events[0].figures["beyond_percent"] == pytest.approx(99.0, abs=0.5)
 
 
 def test_a_replay_of_a_drive_beyond_is_flagged(small):
@@ -74,10 +74,10 @@ def test_a_turn_rate_beyond_is_flagged_where_no_command_is(small):
 
 
 def test_a_repeat_beyond_is_flagged(small):
-    assert any(said.subject == "u_x" for said in flags(repeat(small, circle(0.3, 0.4))))
+    assert any(event.subject == "u_x" for event in flags(repeat(small, circle(0.3, 0.4))))
     assert any(
-        said.subject == "u_x"
-        for said in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
+        event.subject == "u_x"
+        for event in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
     )
 
 

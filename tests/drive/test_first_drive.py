@@ -32,10 +32,10 @@ def first(small):
 
 @pytest.mark.parametrize("seed", [1, 7])
 def test_an_unknown_vehicle_stays_around_its_spot_and_its_wiring_is_named(seed):
-    one = drive_one(seed)
-    assert one.margin_m > 0.3  # of 0.68 m that are there
-    assert one.named
-    assert one.seconds < 120.0
+    drive = drive_one(seed)
+    assert drive.margin_m > 0.3  # of 0.68 m that are there
+    assert drive.named
+    assert drive.seconds < 120.0
 
 
 def test_levels_begin_small_and_grow_by_small_steps(first):
@@ -66,48 +66,48 @@ def test_each_wheel_shows_its_own_dead_zones(first, small):
 def test_the_rough_gain_is_of_the_right_size(small, seed):
     robot = unknown(seed)
     gain = gains(robot, small)
-    found = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
-    assert found.gain_along == pytest.approx(gain[0], rel=0.4)
-    assert found.gain_about == pytest.approx(gain[1], rel=0.4)
-    start = rough(found, small).vehicle.actuator_matrix
+    first = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
+    assert first.gain_along == pytest.approx(gain[0], rel=0.4)
+    assert first.gain_about == pytest.approx(gain[1], rel=0.4)
+    start = rough(first, small).vehicle.actuator_matrix
     assert start[2, 2] == pytest.approx(small.vehicle.actuator_matrix[2, 2] * gain[1], rel=0.4)
 
 
 def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
     world = MiswiredLink(LoopWorld(draw_robots(1, 3), 3, small.rate_hz), "swapped")
-    found = first_drive(small, world=world)
-    assert [one.code for one in found.wiring] == ["wiring.swapped"]
-    assert text(found.wiring[0]) in found.table()
+    first = first_drive(small, world=world)
+    assert [finding.code for finding in first.wiring] == ["wiring.swapped"]
+    assert text(first.wiring[0]) in first.table()
     with refused("wiring.swapped", AnswerNo):
-        rough(found, small)
+        rough(first, small)
 
 
 def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(small, monkeypatch):
     monkeypatch.setattr(first_drive_pulses, "STEP", 0.4)
-    stuck = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
-    found = first_drive(small, truth=stuck, seed=2)
-    assert len(found.still) == 4
-    assert found.still[0].figures["command"] == "the left wheel forward"
-    assert found.moved == 0
+    stuck_vehicle = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
+    first = first_drive(small, truth=stuck_vehicle, seed=2)
+    assert len(first.still) == 4
+    assert first.still[0].figures["command"] == "the left wheel forward"
+    assert first.moved == 0
     with refused("first-drive.nothing-moved", AnswerNo):
-        rough(found, small)
+        rough(first, small)
 
 
 def test_a_drive_that_was_over_before_full_command_does_not_blame_the_motors(first, small):
-    found = estimate_first_drive(first.run.cut(0.0, 10.0), small)
-    assert found.still
-    assert {one.code for one in found.still} == {"first-drive.ended-early"}
-    assert found.still[0].figures["command"] == "the left wheel forward"
-    assert found.still[0].figures["tried_percent"] == pytest.approx(8.0, abs=0.5)
+    estimate = estimate_first_drive(first.run.cut(0.0, 10.0), small)
+    assert estimate.still
+    assert {finding.code for finding in estimate.still} == {"first-drive.ended-early"}
+    assert estimate.still[0].figures["command"] == "the left wheel forward"
+    assert estimate.still[0].figures["tried_percent"] == pytest.approx(8.0, abs=0.5)
 
 
 @pytest.mark.parametrize("seed", [2, 19, 21, 22])
 def test_a_car_with_a_rough_accelerometer_is_felt_all_the_same_and_stays_around_its_spot(seed):
     """Its noise of 0.6 m/s², summed up twice over a minute, is not taken for a way that it went."""
-    found = first_drive(load("car"), seed=seed)
-    assert found.still == ()
-    assert 0.5 < found.gain_along < 2.0
-    assert np.max(np.hypot(*found.run.truth.eta[:, :2].T)) < 0.6
+    first = first_drive(load("car"), seed=seed)
+    assert first.still == ()
+    assert 0.5 < first.gain_along < 2.0
+    assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.6
 
 
 def test_a_car_that_moves_forward_long_before_it_moves_backward_is_brought_back():
@@ -116,11 +116,11 @@ def test_a_car_that_moves_forward_long_before_it_moves_backward_is_brought_back(
         "model.drivetrain.dead_zone_forward": [0.04, 0.0],
         "model.drivetrain.dead_zone_backward": [0.28, 0.0],
     }
-    found = first_drive(
+    first = first_drive(
         car, truth=car.with_values(zones | {"sensors.imu.accel_noise_std": [0.1, 0.1]}), seed=1
     )
-    assert found.still == ()
-    assert np.max(np.hypot(*found.run.truth.eta[:, :2].T)) < 0.3
+    assert first.still == ()
+    assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.3
 
 
 def test_a_car_is_driven_forward_and_back_with_the_wheel_straight_and_to_both_sides():
@@ -189,10 +189,10 @@ def test_what_is_felt_is_the_integral_of_the_imu_without_its_bias():
         moving = k >= 300
         z = bias + moving * np.array([0.5, 0.0, 0.8]) + 0.01 * rng.standard_normal(3)
         tick = Tick(round((k + 1) * 1e7), np.array([float(moving)]), slots(Slot(1.0, z)))
-        state, said = feel.step(state, tick)
-    assert said.nu[0] == pytest.approx(0.5, abs=5.0 * np.sqrt(said.cov[3, 3]))
-    assert said.eta[2] == pytest.approx(0.8, abs=5.0 * np.sqrt(said.cov[2, 2]))
-    assert np.sqrt(said.cov[3, 3]) == pytest.approx(0.01 * 0.01 * np.sqrt(100 + 100**2 / 300), rel=0.15)
+        state, pose = feel.step(state, tick)
+    assert pose.nu[0] == pytest.approx(0.5, abs=5.0 * np.sqrt(pose.cov[3, 3]))
+    assert pose.eta[2] == pytest.approx(0.8, abs=5.0 * np.sqrt(pose.cov[2, 2]))
+    assert np.sqrt(pose.cov[3, 3]) == pytest.approx(0.01 * 0.01 * np.sqrt(100 + 100**2 / 300), rel=0.15)
 
 
 def test_a_way_that_is_felt_is_as_sure_as_it_says():
@@ -204,8 +204,8 @@ def test_a_way_that_is_felt_is_as_sure_as_it_says():
         for k in range(300):
             on = 200 <= k < 225
             tick = Tick(round((k + 1) * 1e7), np.array([float(on)]), slots(Slot(1.0, rng.standard_normal(3))))
-            state, said = feel.step(state, tick)
+            state, pose = feel.step(state, tick)
             if k in (283, 299):
-                ends[k == 299].append(said.eta[0] / np.sqrt(said.cov[0, 0]))
-    for known in ends.values():
-        assert np.std(known) == pytest.approx(1.0, abs=0.15)
+                ends[k == 299].append(pose.eta[0] / np.sqrt(pose.cov[0, 0]))
+    for errors in ends.values():
+        assert np.std(errors) == pytest.approx(1.0, abs=0.15)

@@ -15,18 +15,18 @@ from baqueano.vehicle_file import load
 @pytest.mark.parametrize(("name", "radius_m", "speed_m_s"), [("small", 0.5, 0.25), ("car", 1.5, 1.0)])
 def test_a_circle_is_taught_and_repeated_and_replayed(name, radius_m, speed_m_s):
     file = load(name)
-    taught = teach(file, circle(radius_m, speed_m_s), seed=1)
-    assert stop_of(taught.run) is None
-    run = repeat(file, taught.route, seed=2)
+    lesson = teach(file, circle(radius_m, speed_m_s), seed=1)
+    assert stop_of(lesson.run) is None
+    run = repeat(file, lesson.route, seed=2)
     assert stop_of(run) is None
     assert run.reference.done[-1] == 1.0
     assert (
         np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
     )  # it went round, as well as gains that nobody tuned can
-    again = replay(run, file)
-    assert np.array_equal(again.estimate.eta, run.estimate.eta)
-    assert np.array_equal(again.estimate.cov, run.estimate.cov)
-    assert np.array_equal(again.requested, run.requested)
+    replayed_run = replay(run, file)
+    assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
+    assert np.array_equal(replayed_run.estimate.cov, run.estimate.cov)
+    assert np.array_equal(replayed_run.requested, run.requested)
 
 
 WRONG = {
@@ -43,19 +43,19 @@ def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_
     steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8
     run = experiment(file, np.repeat(steps, round(file.rate_hz / 2), axis=0), seed=6)
     assert stop_of(run) is None
-    believed = file.vehicle
+    vehicle = file.vehicle
     for path, factor in WRONG[name].items():
-        believed = put(believed, path, get(believed, path) * factor)
+        vehicle = put(vehicle, path, get(vehicle, path) * factor)
     block = replace(
-        file.estimator(), vehicle=believed, disturbance_std=np.array([0.3, 3.0]), speed_from=speed_from
+        file.estimator(), vehicle=vehicle, disturbance_std=np.array([0.3, 3.0]), speed_from=speed_from
     )
     ekf = compiled(block)
     silent = example_tick(file).sensors
-    with_sensors, alone = ekf.init(), ekf.init()
+    with_sensors, blind = ekf.init(), ekf.init()
     errors = []
     for tick, truth in zip(run.ticks(), run.truth.nu, strict=True):
         with_sensors, a = ekf.step(with_sensors, tick)
-        alone, b = ekf.step(alone, tick._replace(sensors=silent))
+        blind, b = ekf.step(blind, tick._replace(sensors=silent))
         errors.append([a.nu - truth, b.nu - truth])
     filtered, model = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
     assert filtered[0] < (0.7 if "odometer" in block.use or speed_from else 1.01) * model[0]

@@ -34,16 +34,16 @@ class Says:
 class Drive:
     """One tick after the other of a hold of which only the estimate is known."""
 
-    def __init__(self, **how):
+    def __init__(self, **options):
         self.hand, self.k = Says(), 0
-        self.hold = HeadingHold(self.hand, GAINS, 1.0, **how)
+        self.hold = HeadingHold(self.hand, GAINS, 1.0, **options)
         self.state = self.hold.init()
 
     def tick(self, u=None, psi=0.0, r=0.0, v=0.3, innovation=None):
         self.hand.u = self.hand.u if u is None else u
-        told = (None, None) if innovation is None else (np.array(innovation), 1e-4 * np.eye(3))
+        correction = (None, None) if innovation is None else (np.array(innovation), 1e-4 * np.eye(3))
         estimate = Estimate(
-            self.k * TICK_NS, np.array([0.0, 0.0, psi]), np.array([v, 0.0, r]), np.eye(6), *told
+            self.k * TICK_NS, np.array([0.0, 0.0, psi]), np.array([v, 0.0, r]), np.eye(6), *correction
         )
         reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
         self.k += 1
@@ -68,8 +68,8 @@ def test_a_yaw_gain_more_than_three_times_too_small_in_the_file_is_stood(tau_s, 
     s = 1j * np.logspace(-2, 4, 60000)
     loop = np.exp(-s * late_s) / (tau_s * s + 1.0) / s * (gains.psi + gains.integral / s + gains.rate * s)
     phase = np.unwrap(np.angle(loop))
-    crossed = np.flatnonzero((phase[:-1] + np.pi) * (phase[1:] + np.pi) < 0.0)
-    margins = 1.0 / np.abs(loop[crossed])
+    crossings = np.flatnonzero((phase[:-1] + np.pi) * (phase[1:] + np.pi) < 0.0)
+    margins = 1.0 / np.abs(loop[crossings])
     assert margins.min() > 3.3, "a larger gain; all of T taken as a pure delay"
     assert np.all(margins > 1.0), "no smaller one makes it unstable"
 
@@ -121,15 +121,15 @@ def test_five_metres_with_wheels_that_differ_by_15_percent(name, yaw_gain):
     of, ahead, speed_m_s = VEHICLES[name]
     file = as_fitted(of())
     truth = body(file, yaw_gain)
-    free, held = (straight(file, truth, ahead, speed_m_s, hold) for hold in (False, True))
-    print(f"{name}, yaw gain {yaw_gain}: free {free.text()}; held {held.text()}")
-    assert abs(held.psi_deg) < 2.5
-    assert held.most_deg < 6.5
-    assert abs(held.beside_m) < 0.2
-    assert abs(free.psi_deg) > 5.0 * abs(held.psi_deg)
+    free, holding = (straight(file, truth, ahead, speed_m_s, hold) for hold in (False, True))
+    print(f"{name}, yaw gain {yaw_gain}: free {free.text()}; held {holding.text()}")
+    assert abs(holding.psi_deg) < 2.5
+    assert holding.most_deg < 6.5
+    assert abs(holding.beside_m) < 0.2
+    assert abs(free.psi_deg) > 5.0 * abs(holding.psi_deg)
     limit = AUTHORITY * file.command.limit[2]
-    assert np.all(np.abs(held.run.applied[:, 2]) <= limit)
-    late = np.convolve(held.run.applied[len(held.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
+    assert np.all(np.abs(holding.run.applied[:, 2]) <= limit)
+    late = np.convolve(holding.run.applied[len(holding.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
     assert np.ptp(late) < 0.05 * file.command.limit[2], "no swinging"
 
 
@@ -138,29 +138,31 @@ def test_five_metres_with_wheels_that_differ_by_15_percent(name, yaw_gain):
 def test_a_model_that_was_never_fitted_is_held_too(name, yaw_gain):
     of, ahead, speed_m_s = VEHICLES[name]
     file = of()
-    held = straight(file, body(file, yaw_gain), ahead, speed_m_s, True)
-    print(f"{name}, yaw gain {yaw_gain}, not fitted: {held.text()}")
-    assert abs(held.psi_deg) < 5.0
-    assert held.most_deg < 12.0
-    assert abs(held.beside_m) < 0.3
+    holding = straight(file, body(file, yaw_gain), ahead, speed_m_s, True)
+    print(f"{name}, yaw gain {yaw_gain}, not fitted: {holding.text()}")
+    assert abs(holding.psi_deg) < 5.0
+    assert holding.most_deg < 12.0
+    assert abs(holding.beside_m) < 0.3
 
 
 def test_backwards_too():
     file = as_fitted(vehicle_file.load("small"))
-    held = straight(file, body(file), -0.5, 0.1, True)
-    assert abs(held.psi_deg) < 1.5
-    assert abs(held.beside_m) < 0.1
+    holding = straight(file, body(file), -0.5, 0.1, True)
+    assert abs(holding.psi_deg) < 1.5
+    assert abs(holding.beside_m) < 0.1
 
 
 @pytest.mark.parametrize("ahead", [0.5, -0.5])
 def test_a_car_whose_servo_is_off_by_two_degrees_goes_straight_both_ways(ahead):
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
     truth = override(file, ("model.steering_offset_rad=0.035",))
-    free, held = (straight(file, truth, ahead * file.command.limit[0], 1.0, hold) for hold in (False, True))
-    print(f"car: free {free.text()}; held {held.text()}")
+    free, holding = (
+        straight(file, truth, ahead * file.command.limit[0], 1.0, hold) for hold in (False, True)
+    )
+    print(f"car: free {free.text()}; held {holding.text()}")
     assert abs(free.psi_deg) > 60.0
-    assert abs(held.psi_deg) < 4.0
-    assert abs(held.beside_m) < 0.5
+    assert abs(holding.psi_deg) < 4.0
+    assert abs(holding.beside_m) < 0.5
 
 
 def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():
@@ -168,9 +170,9 @@ def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():
     run = straight(file, body(file), 1.0, 0.5, True).run
     assert np.any(run.requested[:, 2] != 0.0)
     np.testing.assert_array_equal(run.applied[1:], run.sent[:-1])
-    again = replay(run, file)
-    assert np.array_equal(again.requested, run.requested)
-    assert np.array_equal(again.estimate.eta, run.estimate.eta)
+    replayed_run = replay(run, file)
+    assert np.array_equal(replayed_run.requested, run.requested)
+    assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
 
 
 def test_a_turn_that_is_asked_is_the_hands_alone_at_once():
@@ -251,8 +253,8 @@ def test_a_gyro_that_the_estimator_leaves_out_is_received():
 def test_a_mission_holds_unless_it_was_told_not_to():
     small = vehicle_file.load("small")
     for hold in (True, False):
-        there = Mission.of_json(Mission("teach", hold=hold).json())
-        run = perform(there, small, hand_for(3.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
+        mission = Mission.of_json(Mission("teach", hold=hold).json())
+        run = perform(mission, small, hand_for(3.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
         assert np.any(run.requested[:, 2] != 0.0) == hold
 
 

@@ -13,31 +13,31 @@ from baqueano.signals import Estimate
 from baqueano.vehicle_file import load
 
 
-def told(file, world=None, seconds=12.0, seed=1):
+def innovation_events(file, world=None, seconds=12.0, seed=1):
     u = random_steps(0.6 * np.asarray(file.command.limit), seconds, file.rate_hz, seed)
     run = experiment(file, u, seed=seed, **({} if world is None else {"world": world}))
     return [e for e in run.events if e.source == SOURCE]
 
 
-def said(nis, seconds=20.0):
+def reasons_for(nis, seconds=20.0):
     """What a listener says of innovations of this mean square, at 100 Hz."""
     health, rng, out = Health(), np.random.default_rng(0), []
     for k in range(round(100 * seconds)):
         y = np.sqrt(nis) * rng.normal(size=3)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
         out.append(health.check(k * 10_000_000, estimate))
-    return [why for why in out if why]
+    return [reason for reason in out if reason]
 
 
 def test_a_right_model_is_never_warned_of():
-    assert said(1.0) == []
-    assert said(1.5) == []
+    assert reasons_for(1.0) == []
+    assert reasons_for(1.5) == []
 
 
 def test_a_wrong_model_is_warned_of_once():
-    (why,) = said(6.0)
-    assert (why.code, why.fix) == ("model.fits-no-longer", "baqueano identify last")
-    assert why.figures["times"] == pytest.approx(2.4, abs=0.05)
+    (reason,) = reasons_for(6.0)
+    assert (reason.code, reason.fix) == ("model.fits-no-longer", "baqueano identify last")
+    assert reason.figures["times"] == pytest.approx(2.4, abs=0.05)
 
 
 def test_a_few_wild_measurements_are_not_a_wrong_model():
@@ -58,7 +58,7 @@ def small():
 
 
 def test_a_run_of_the_vehicle_that_was_identified_has_no_warning(small):
-    assert told(small) == []
+    assert innovation_events(small) == []
 
 
 @pytest.mark.parametrize("signal", ["random_steps", "multisine", "prbs", "ramps"])
@@ -69,25 +69,27 @@ def test_no_signal_makes_a_sound_vehicle_of_the_garage_look_worn(name, signal):
     assert [e for e in run.events if e.source in (SOURCE, SENSORS_SOURCE)] == []
 
 
-@pytest.mark.parametrize(("signal", "grown"), [("prbs", 1.1), ("random_steps", 1.3)])
-def test_friction_that_grew_is_noticed_on_an_even_floor(signal, grown):
+@pytest.mark.parametrize(("signal", "growth"), [("prbs", 1.1), ("random_steps", 1.3)])
+def test_friction_that_grew_is_noticed_on_an_even_floor(signal, growth):
     file = load("case-study-1")
-    worn = file.with_values({"model.friction.linear": (grown * file.vehicle.friction.linear).tolist()})
-    run = experiment(file, excitation(signal, file.command.limit, 20.0, file.rate_hz, 0), truth=worn, seed=3)
+    worn_file = file.with_values({"model.friction.linear": (growth * file.vehicle.friction.linear).tolist()})
+    run = experiment(
+        file, excitation(signal, file.command.limit, 20.0, file.rate_hz, 0), truth=worn_file, seed=3
+    )
     (event,) = [e for e in run.events if e.source == SOURCE]
     assert event.level == "warning"
 
 
 def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
     small = small.with_values({"estimator.disturbance_std": [0.02, 0.05]})  # it was identified
-    other = small.with_values({"sensors.imu.gyro_scale": 0.3})
+    wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.3})
     u = random_steps(0.6 * np.asarray(small.command.limit), 15.0, small.rate_hz, 3)
-    run = experiment(small, u, truth=other, seed=3)
-    told = [e for e in run.events if e.source == SENSORS_SOURCE]
-    assert told[0].level == "info"
-    first = told[0].diagnostic
+    run = experiment(small, u, truth=wrong_file, seed=3)
+    events = [e for e in run.events if e.source == SENSORS_SOURCE]
+    assert events[0].level == "info"
+    first = events[0].diagnostic
     assert (first.code, first.subject) == ("sensor.scaled", "imu[2]")
-    (worse,) = [e.diagnostic for e in told if e.level == "warning"]
+    (worse,) = [e.diagnostic for e in events if e.level == "warning"]
     assert (worse.code, worse.subject) == ("sensor.degraded", "imu[2]")
     cause = worse.figures["cause"]
     assert (cause.code, cause.figures["off"].code) == ("sensor.scaled", "sensor.off-sensor")
@@ -96,27 +98,27 @@ def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
 
 
 def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
-    shown = []
+    degraded = []
 
     class Watcher(Observer):
         def look(self, record):
-            shown.append(record.degraded)
+            degraded.append(record.degraded)
 
-    other = small.with_values({"sensors.imu.gyro_scale": 0.1})
+    wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.1})
     u = np.tile([0.4, 0.0, 0.4], (500, 1))
-    run = experiment(small, u, truth=other, seed=3, observers=[Watcher()])
+    run = experiment(small, u, truth=wrong_file, seed=3, observers=[Watcher()])
     worse = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
-    (finding,) = shown[-1]
+    (finding,) = degraded[-1]
     assert finding.diagnostic == worse.diagnostic
     assert finding.name == "imu[2]"
-    assert [bool(one) for one in shown] == [t >= worse.t_ns for t in run.t_ns]
+    assert [bool(count) for count in degraded] == [t >= worse.t_ns for t in run.t_ns]
 
 
 def test_the_run_holds_how_often_each_number_was_refused(small):
     run = experiment(small, np.tile([0.4, 0.0, 0.0], (100, 1)), seed=3)
-    assert [(one.name, one.arrived) for one in refusals_of(run.events)] == [
+    assert [(refusal.name, refusal.arrived) for refusal in refusals_of(run.events)] == [
         (f"imu[{k}]", 101) for k in range(3)
     ]
     uncounted = blocks_of(run, small)._replace(estimator=small.estimator("dead_reckoning"))
-    alone = replay(run, small, uncounted)
-    assert refusals_of(alone.events) == ()
+    replayed_run = replay(run, small, uncounted)
+    assert refusals_of(replayed_run.events) == ()

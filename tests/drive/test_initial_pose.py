@@ -65,7 +65,7 @@ def test_a_run_without_a_truth_or_with_a_late_one_begins_at_the_origin():
 
 
 def test_an_estimator_is_reported_as_much_of_the_start_as_it_takes():
-    class Posed:
+    class FromPose:
         def init(self, eta=None):
             return eta
 
@@ -74,5 +74,5 @@ def test_an_estimator_is_reported_as_much_of_the_start_as_it_takes():
             return eta, nu
 
     start = np.arange(6.0)
-    assert initial_pose_for(Posed(), start)[0].tolist() == [0.0, 1.0, 2.0]
+    assert initial_pose_for(FromPose(), start)[0].tolist() == [0.0, 1.0, 2.0]
     assert initial_pose_for(Moving(), start)[0].tolist() == start.tolist()

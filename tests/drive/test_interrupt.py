@@ -42,11 +42,11 @@ def test_undisturbed_the_ticks_are_the_same():
 
 
 def test_in_a_thread_and_in_a_program_with_its_own_handler_it_keeps_out_of_the_way():
-    seen = []
-    thread = threading.Thread(target=lambda: seen.append(ours()))
+    handlers = []
+    thread = threading.Thread(target=lambda: handlers.append(ours()))
     thread.start()
     thread.join()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    assert [*seen, ours()] == [False, False]
+    assert [*handlers, ours()] == [False, False]
     with between_ticks(range(3)) as ticking:
         assert list(ticking) == [0, 1, 2]

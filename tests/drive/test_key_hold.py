@@ -9,112 +9,112 @@ from baqueano.drive.by_hand.key_hold import FIRST_S, GAP_S, LATCHED, NUDGE, RELE
 from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, KeyEvent
 
 
-def press(held, key, t_s):
-    held.hear(KeyEvent(PRESS, key), t_s)
+def press(keys, key, t_s):
+    keys.hear(KeyEvent(PRESS, key), t_s)
 
 
-def hold(held, key, from_s, to_s, delay_s=0.5, gap_s=0.033, jitter=lambda: 0.0):
+def hold(keys, key, from_s, to_s, delay_s=0.5, gap_s=0.033, jitter=lambda: 0.0):
     """The letters that a held key sends."""
-    press(held, key, from_s + jitter())
+    press(keys, key, from_s + jitter())
     t_s = from_s + delay_s
     while t_s < to_s:
-        press(held, key, t_s + jitter())
+        press(keys, key, t_s + jitter())
         t_s += gap_s
 
 
 def test_a_key_with_releases_counts_from_press_to_release_however_long():
-    held = KeyHold(RELEASES)
-    press(held, "w", 0.0)
-    assert held.direction(0.0) == (1.0, 0.0)
-    assert held.direction(60.0) == (1.0, 0.0)
-    press(held, "left", 60.0)
-    assert held.direction(60.0) == (1.0, 1.0)
-    held.hear(KeyEvent(RELEASE, "w"), 61.0)
-    assert held.direction(61.0) == (0.0, 1.0)
+    keys = KeyHold(RELEASES)
+    press(keys, "w", 0.0)
+    assert keys.direction(0.0) == (1.0, 0.0)
+    assert keys.direction(60.0) == (1.0, 0.0)
+    press(keys, "left", 60.0)
+    assert keys.direction(60.0) == (1.0, 1.0)
+    keys.hear(KeyEvent(RELEASE, "w"), 61.0)
+    assert keys.direction(61.0) == (0.0, 1.0)
 
 
 def test_keys_are_let_go_when_the_window_loses_the_keyboard():
-    held = KeyHold(RELEASES)
-    press(held, "w", 0.0)
-    held.hear(KeyEvent(LEFT_WINDOW), 1.0)
-    assert held.direction(1.0) == (0.0, 0.0)
+    keys = KeyHold(RELEASES)
+    press(keys, "w", 0.0)
+    keys.hear(KeyEvent(LEFT_WINDOW), 1.0)
+    assert keys.direction(1.0) == (0.0, 0.0)
 
 
 def test_a_tap_is_a_nudge_and_ends():
-    held = KeyHold(REPEATS)
-    press(held, "w", 0.0)
-    assert held.direction(0.1) == (NUDGE, 0.0)
-    assert held.direction(FIRST_S + 0.001) == (0.0, 0.0)
+    keys = KeyHold(REPEATS)
+    press(keys, "w", 0.0)
+    assert keys.direction(0.1) == (NUDGE, 0.0)
+    assert keys.direction(FIRST_S + 0.001) == (0.0, 0.0)
 
 
 def test_a_held_key_drives_in_full_from_its_first_repeat_and_ends_soon_after_the_last():
-    held = KeyHold(REPEATS)
-    press(held, "w", 0.0)
-    press(held, "w", 0.5)
-    assert held.direction(0.5) == (1.0, 0.0)
-    assert held.direction(0.5 + GAP_S - 0.001) == (1.0, 0.0)
-    assert held.direction(0.5 + GAP_S + 0.001) == (0.0, 0.0)
+    keys = KeyHold(REPEATS)
+    press(keys, "w", 0.0)
+    press(keys, "w", 0.5)
+    assert keys.direction(0.5) == (1.0, 0.0)
+    assert keys.direction(0.5 + GAP_S - 0.001) == (1.0, 0.0)
+    assert keys.direction(0.5 + GAP_S + 0.001) == (0.0, 0.0)
 
 
 def test_it_learns_the_delay_and_the_gap_of_this_keyboard():
-    held = KeyHold(REPEATS)
+    keys = KeyHold(REPEATS)
     for k in range(4):
-        hold(held, "w", 3.0 * k, 3.0 * k + 1.5, delay_s=0.25, gap_s=0.05)
-    assert held.first_s == pytest.approx(0.375)
-    assert held.gap_s == pytest.approx(0.15)
+        hold(keys, "w", 3.0 * k, 3.0 * k + 1.5, delay_s=0.25, gap_s=0.05)
+    assert keys.first_s == pytest.approx(0.375)
+    assert keys.gap_s == pytest.approx(0.15)
     slow = KeyHold(REPEATS)
     hold(slow, "w", 0.0, 3.0, gap_s=0.15)
     assert slow.gap_s == pytest.approx(0.35)
 
 
 def test_two_quick_taps_are_not_a_delay():
-    held = KeyHold(REPEATS)
+    keys = KeyHold(REPEATS)
     for k in range(10):
-        press(held, "w", 2.0 * k)
-        press(held, "w", 2.0 * k + 0.2)
-    assert held.first_s == FIRST_S
+        press(keys, "w", 2.0 * k)
+        press(keys, "w", 2.0 * k + 0.2)
+    assert keys.first_s == FIRST_S
 
 
 @pytest.mark.parametrize("delay_s", [0.25, 0.5, 0.66])
 @pytest.mark.parametrize("rate_hz", [20.0, 33.0])
 def test_a_hold_over_a_wi_fi_does_not_break_off(delay_s, rate_hz):
     dice = np.random.default_rng(7)
-    broken = 0
+    breaks = 0
     for _ in range(100):
-        held = KeyHold(REPEATS)
-        sent = [0.0, *np.arange(delay_s, 2.0, 1.0 / rate_hz)]
-        heard = np.maximum.accumulate(np.array(sent) + dice.exponential(0.015, len(sent)))
-        ended = False
-        for before, after in pairwise(heard):
-            press(held, "w", before)
-            ended = ended or held.direction(after - 1e-6) == (0.0, 0.0)
-        broken += ended
-    assert broken <= 2
+        keys = KeyHold(REPEATS)
+        sends_s = [0.0, *np.arange(delay_s, 2.0, 1.0 / rate_hz)]
+        arrivals = np.maximum.accumulate(np.array(sends_s) + dice.exponential(0.015, len(sends_s)))
+        at_end = False
+        for before, after in pairwise(arrivals):
+            press(keys, "w", before)
+            at_end = at_end or keys.direction(after - 1e-6) == (0.0, 0.0)
+        breaks += at_end
+    assert breaks <= 2
 
 
 def test_a_key_that_was_held_goes_on_with_a_newer_one_and_ends_with_it():
-    held = KeyHold(REPEATS)
-    hold(held, "w", 0.0, 1.0)
-    hold(held, "a", 1.0, 2.0)
-    assert held.direction(2.0) == (1.0, 1.0)
-    assert held.direction(2.3) == (0.0, 0.0)
+    keys = KeyHold(REPEATS)
+    hold(keys, "w", 0.0, 1.0)
+    hold(keys, "a", 1.0, 2.0)
+    assert keys.direction(2.0) == (1.0, 1.0)
+    assert keys.direction(2.3) == (0.0, 0.0)
 
 
 def test_the_opposite_key_takes_the_place_of_the_first():
-    held = KeyHold(REPEATS)
-    hold(held, "w", 0.0, 1.0)
-    press(held, "s", 1.0)
-    assert held.direction(1.0) == (-NUDGE, 0.0)
+    keys = KeyHold(REPEATS)
+    hold(keys, "w", 0.0, 1.0)
+    press(keys, "s", 1.0)
+    assert keys.direction(1.0) == (-NUDGE, 0.0)
 
 
 def test_latched_presses_move_a_set_point_that_holds():
-    held = KeyHold(LATCHED)
+    keys = KeyHold(LATCHED)
     for _ in range(3):
-        press(held, "up", 0.0)
-    press(held, "7", 0.0)
-    assert held.direction(100.0) == pytest.approx((4 * STEP, STEP))
+        press(keys, "up", 0.0)
+    press(keys, "7", 0.0)
+    assert keys.direction(100.0) == pytest.approx((4 * STEP, STEP))
     for _ in range(30):
-        press(held, "up", 0.0)
-    assert held.direction(0.0)[0] == 1.0
-    press(held, "x", 0.0)
-    assert held.direction(0.0) == (0.0, 0.0)
+        press(keys, "up", 0.0)
+    assert keys.direction(0.0)[0] == 1.0
+    press(keys, "x", 0.0)
+    assert keys.direction(0.0) == (0.0, 0.0)

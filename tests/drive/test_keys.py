@@ -20,12 +20,12 @@ def events(data):
     return KeyDecoder().feed(data)
 
 
-def pressed(*keys):
+def press_events(*keys):
     return [KeyEvent(PRESS, key) for key in keys]
 
 
 def test_letters_and_arrows_of_a_plain_terminal_are_presses():
-    assert events(b"wA\x1b[A\x1bOD q") == pressed("w", "a", "up", "left", " ", "q")
+    assert events(b"wA\x1b[A\x1bOD q") == press_events("w", "a", "up", "left", " ", "q")
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_a_sequence_may_be_cut_anywhere():
 def test_the_stop_is_received_behind_a_lone_escape():
     decoder = KeyDecoder()
     assert decoder.feed(b"\x1b") == []
-    assert decoder.feed(b" ") == pressed(" ")
+    assert decoder.feed(b" ") == press_events(" ")
 
 
 def test_no_bytes_break_it_and_the_next_key_after_them_is_received():
@@ -82,10 +82,10 @@ def test_no_bytes_break_it_and_the_next_key_after_them_is_received():
             bytes(dice.choice(b"\x1b[O0123456789;:?u nA~\xff\xc3w") for _ in range(dice.randrange(9)))
         )
     decoder.feed(b"~~")
-    assert decoder.feed(b"q") == pressed("q")
+    assert decoder.feed(b"q") == press_events("q")
 
 
 def test_a_sequence_without_an_end_is_given_up():
     decoder = KeyDecoder()
     decoder.feed(b"\x1b[" + b"1" * 100)
-    assert decoder.feed(b" ")[-1:] == pressed(" ")
+    assert decoder.feed(b" ")[-1:] == press_events(" ")

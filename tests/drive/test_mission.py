@@ -22,39 +22,41 @@ class Slow:
 """
 
 
-def sent(what, tmp_path):
+def send(mission, tmp_path):
     """What arrives on the other side: the mission and its vehicle file."""
-    there = Mission.of_json(what.json())
+    mission_received = Mission.of_json(mission.json())
     tmp_path.mkdir(exist_ok=True)
-    return there, unpacked(there, tmp_path)
+    return mission_received, unpacked(mission_received, tmp_path)
 
 
 def test_an_experiment_sent_as_text_is_the_same_experiment(tmp_path):
     file = vehicle_file.load("small")
     u = np.random.default_rng(0).uniform(-1, 1, (50, 3)) * [1, 0, 1]
-    there, other = sent(packed(Mission("experiment", u=u), file), tmp_path)
-    np.testing.assert_array_equal(perform(there, other).estimate.eta, experiment(file, u).estimate.eta)
+    mission, file_received = send(packed(Mission("experiment", u=u), file), tmp_path)
+    np.testing.assert_array_equal(
+        perform(mission, file_received).estimate.eta, experiment(file, u).estimate.eta
+    )
 
 
 def test_a_repetition_sent_as_text_is_the_same_repetition(tmp_path):
     file = vehicle_file.load("small")
     route = shapes.circle(0.3, 0.4)
-    there, other = sent(packed(Mission("repeat", route=route, laps=1), file), tmp_path)
+    mission, file_received = send(packed(Mission("repeat", route=route, laps=1), file), tmp_path)
     np.testing.assert_array_equal(
-        perform(there, other).estimate.eta, repeat(file, route, laps=1).estimate.eta
+        perform(mission, file_received).estimate.eta, repeat(file, route, laps=1).estimate.eta
     )
 
 
 def test_blocks_of_the_user_travel_with_it_and_do_not_need_their_old_place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
-    what = packed(
+    mission = packed(
         Mission("repeat", route=shapes.circle(0.3, 3.0), blocks={"controller": "slow.py:Slow"}),
         vehicle_file.load("small"),
     )
     (tmp_path / "slow.py").unlink()
-    there, other = sent(what, tmp_path / "robot")
-    run = perform(there, other, backend="numpy")
+    mission_received, file_received = send(mission, tmp_path / "robot")
+    run = perform(mission_received, file_received, backend="numpy")
     assert np.all(run.requested[:, 0] == 0.5)
 
 
@@ -69,7 +71,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "fault"),
     [
         ("{", ("mission.damaged", {})),
         ("{}", ("mission.damaged", {})),
@@ -77,15 +79,15 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
         ("[1]", ("mission.damaged", {})),
     ],
 )
-def test_what_is_not_a_mission_is_reported(text, said):
-    with refused(said[0], UsageError, **said[1]):
+def test_what_is_not_a_mission_is_reported(text, fault):
+    with refused(fault[0], UsageError, **fault[1]):
         Mission.of_json(text)
 
 
 def test_a_mission_writes_nothing_outside_its_folder(tmp_path):
-    what = Mission("teach", vehicle=vehicle_file.load("small").text, texts={"../evil.py": "x = 1"})
+    mission = Mission("teach", vehicle=vehicle_file.load("small").text, texts={"../evil.py": "x = 1"})
     with refused("mission.file-name", UsageError):
-        unpacked(what, tmp_path)
+        unpacked(mission, tmp_path)
     with refused("mission.kind", UsageError):
         Mission("dance")
 

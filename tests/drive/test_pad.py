@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux's input l
 
 
 @pytest.fixture
-def plugged(tmp_path, monkeypatch):
+def plug(tmp_path, monkeypatch):
     """`plugged(device, …)`: the folder in which they are event0, event1, …"""
 
     def plug(*devices):
@@ -31,7 +31,7 @@ def plugged(tmp_path, monkeypatch):
     return plug
 
 
-def opened(folder, name="event0"):
+def open_pad(folder, name="event0"):
     return Pad(InputDevice(folder / name))
 
 
@@ -42,28 +42,28 @@ def test_requests_are_those_of_the_kernels_headers():
 
 
 @pytest.mark.parametrize(("long_bytes", "size"), [(4, 16), (8, 24)])
-def test_events_are_read_by_the_layout_of_the_reading_program(plugged, long_bytes, size):
+def test_events_are_read_by_the_layout_of_the_reading_program(plug, long_bytes, size):
     assert LAYOUTS[long_bytes].size == size
     kernel = pad(long_bytes=long_bytes)
-    device = InputDevice(plugged(kernel) / "event0", long_bytes)
+    device = InputDevice(plug(kernel) / "event0", long_bytes)
     kernel.change(AHEAD, (KEY, SOUTH, 1))
     assert device.read() == [InputEvent(*AHEAD), InputEvent(KEY, SOUTH, 1), InputEvent(0, 0, 0)]
     assert device.read() == []
 
 
-def test_it_drives_only_while_a_front_button_is_held(plugged):
+def test_it_drives_only_while_a_front_button_is_held(plug):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (ABS, 0, 32767))
-    assert one.read() == []
-    assert one.direction() == (0.0, 0.0)
+    assert game_pad.read() == []
+    assert game_pad.direction() == (0.0, 0.0)
     kernel.change((KEY, LEFT_FRONT, 1))
-    assert one.read() == [LEFT_FRONT]
-    assert one.direction() == (1.0, -1.0)
-    assert one.hint == "pad drives"
+    assert game_pad.read() == [LEFT_FRONT]
+    assert game_pad.direction() == (1.0, -1.0)
+    assert game_pad.hint == "pad drives"
     kernel.change((KEY, LEFT_FRONT, 0))
-    one.read()
-    assert one.direction() == (0.0, 0.0)
+    game_pad.read()
+    assert game_pad.direction() == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -79,89 +79,89 @@ def test_it_drives_only_while_a_front_button_is_held(plugged):
         (-100, 100, 50, 100, -1.0),
     ],
 )
-def test_ranges_and_rest_are_those_that_the_kernel_tells(plugged, low, high, flat, value, part):
+def test_ranges_and_rest_are_those_that_the_kernel_tells(plug, low, high, flat, value, part):
     middle = (low + high) // 2
     kernel = pad(axes={code: [middle, low, high, 0, flat, 0] for code in (0, 1)})
-    one = opened(plugged(kernel))
+    game_pad = open_pad(plug(kernel))
     kernel.change((KEY, LEFT_FRONT, 1), (ABS, 1, value))
-    one.read()
-    assert one.direction() == pytest.approx((part, 0.0), abs=2e-3)
+    game_pad.read()
+    assert game_pad.direction() == pytest.approx((part, 0.0), abs=2e-3)
 
 
-def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plugged):
+def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plug):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
-    assert one.direction()[0] == 1.0
+    game_pad.read()
+    assert game_pad.direction()[0] == 1.0
     for k in range(40):  # more than the kernel keeps
         kernel.change((ABS, 0, 100 * k))
     kernel.change((ABS, 1, 0), (KEY, EAST, 1))
     whole, kernel.waiting = kernel.waiting, kernel.waiting[:1]
     assert whole[0] == (0, 3, 0), "the kernel says SYN_DROPPED"
-    one.read()
-    assert not one.holds
+    game_pad.read()
+    assert not game_pad.holds
     kernel.waiting = whole[1:]
-    assert one.read() == [EAST], "the stop that was pressed unseen"
-    assert one.holds
-    assert one.direction() == (0.0, 0.0)
+    assert game_pad.read() == [EAST], "the stop that was pressed unseen"
+    assert game_pad.holds
+    assert game_pad.direction() == (0.0, 0.0)
 
 
-def test_a_front_button_that_was_let_go_unseen_is_let_go(plugged):
+def test_a_front_button_that_was_let_go_unseen_is_let_go(plug):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
+    game_pad.read()
     kernel.change((KEY, LEFT_FRONT, 0))
     kernel.waiting = [(0, 3, 0), (0, 0, 0)]
-    one.read()
-    assert not one.holds
+    game_pad.read()
+    assert not game_pad.holds
 
 
-def test_a_pad_that_is_unplugged_is_gone_for_good(plugged):
+def test_a_pad_that_is_unplugged_is_gone_for_good(plug):
     kernel = pad()
-    one = opened(plugged(kernel))
+    game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
+    game_pad.read()
     kernel.unplug()
-    assert one.read() == []
-    assert one.gone
-    assert one.direction() == (0.0, 0.0)
+    assert game_pad.read() == []
+    assert game_pad.gone
+    assert game_pad.direction() == (0.0, 0.0)
 
 
-def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middle(plugged):
+def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middle(plug):
     kernel = pad()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one = opened(plugged(kernel))
+    game_pad = open_pad(plug(kernel))
     kernel.waiting.clear()
-    one.read()
-    assert not one.holds
-    assert "let go" in one.hint
+    game_pad.read()
+    assert not game_pad.holds
+    assert "let go" in game_pad.hint
     kernel.change((ABS, 1, 0))
-    one.read()
-    assert not one.holds, "its front button is held still"
+    game_pad.read()
+    assert not game_pad.holds, "its front button is held still"
     kernel.change((KEY, LEFT_FRONT, 0))
-    one.read()
+    game_pad.read()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
-    one.read()
-    assert one.direction() == (1.0, 0.0)
+    game_pad.read()
+    assert game_pad.direction() == (1.0, 0.0)
 
 
-def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plugged):
+def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plug):
     kernel = bare_pad()
-    one = opened(plugged(kernel))
+    game_pad = open_pad(plug(kernel))
     kernel.change((KEY, 0x124, 1))
-    one.read()
-    assert one.direction() == (0.0, 0.0), "value 0 of 0 … 255 is one end of its way"
+    game_pad.read()
+    assert game_pad.direction() == (0.0, 0.0), "value 0 of 0 … 255 is one end of its way"
     kernel.change((KEY, 0x124, 0), (ABS, 0, 128), (ABS, 1, 127))
-    one.read()
+    game_pad.read()
     kernel.change((KEY, 0x124, 1), (ABS, 0, 0))
-    one.read()
-    assert one.direction() == (0.0, 1.0)
+    game_pad.read()
+    assert game_pad.direction() == (0.0, 1.0)
 
 
-def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plugged):
-    folder = plugged(keyboard(), touchpad(), pad(name="Gamepad F310"))
+def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plug):
+    folder = plug(keyboard(), touchpad(), pad(name="Gamepad F310"))
     assert find(folder=folder).name == "Gamepad F310"
     with refused("pad.lacks", UsageError, name="AT keyboard"):
         find(folder / "event0")
@@ -170,18 +170,18 @@ def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plugged):
     assert find(folder / "event2").name == "Gamepad F310"
 
 
-def test_two_pads_are_distinguished_by_the_person(plugged):
-    folder = plugged(pad(name="One"), pad(name="Other"))
+def test_two_pads_are_distinguished_by_the_person(plug):
+    folder = plug(pad(name="One"), pad(name="Other"))
     with refused("pad.several", UsageError, count=2):
         find(folder=folder)
 
 
-def test_no_pad_says_what_was_looked_at(plugged):
-    folder = plugged(keyboard(), touchpad(), KernelDevice("Wheel", (0x130,), {0: [0] * 6}))
-    looked = (
+def test_no_pad_says_what_was_looked_at(plug):
+    folder = plug(keyboard(), touchpad(), KernelDevice("Wheel", (0x130,), {0: [0] * 6}))
+    candidates = (
         'event0 "AT keyboard" (no stick), event1 "Touchpad" (no front buttons), event2 "Wheel" (no stick)'
     )
-    with refused("pad.not-among", UsageError, looked=looked):
+    with refused("pad.not-among", UsageError, looked=candidates):
         find(folder=folder)
 
 
@@ -190,13 +190,13 @@ def test_a_folder_without_devices_is_reported(tmp_path):
         find(folder=tmp_path / "input")
 
 
-def test_devices_that_may_not_be_read_are_reported_with_what_to_type(plugged, monkeypatch):
-    folder = plugged(keyboard(), pad())
+def test_devices_that_may_not_be_read_are_reported_with_what_to_type(plug, monkeypatch):
+    folder = plug(keyboard(), pad())
 
-    def closed(path):
+    def refuse_open(path):
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    monkeypatch.setattr(pads, "InputDevice", closed)
+    monkeypatch.setattr(pads, "InputDevice", refuse_open)
     with refused("pad.closed", UsageError, closed="event0, event1"):
         find(folder=folder)
     with refused("pad.may-not-read", UsageError):
@@ -217,10 +217,10 @@ def test_elsewhere_than_on_linux_it_is_reported(monkeypatch):
         find()
 
 
-def test_in_a_cockpit_the_pad_drives_and_its_plug_stops_the_vehicle(plugged):
+def test_in_a_cockpit_the_pad_drives_and_its_plug_stops_the_vehicle(plug):
     kernel = pad()
     terminal = Terminal()
-    with cockpit(terminal, share=1.0, pad=opened(plugged(kernel))) as hand:
+    with cockpit(terminal, share=1.0, pad=open_pad(plug(kernel))) as hand:
         kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
         kernel.change((KEY, SOUTH, 1))
         assert hand().tolist() == [1.0, 0.0, 0.0]
@@ -230,9 +230,9 @@ def test_in_a_cockpit_the_pad_drives_and_its_plug_stops_the_vehicle(plugged):
         assert hand.why(0).code == StopReason.PAD_UNPLUGGED
 
 
-def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plugged):
+def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plug):
     kernel = pad()
-    with cockpit(Terminal(), share=1.0, pad=opened(plugged(kernel))) as hand:
+    with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as hand:
         kernel.change((KEY, EAST, 1))
         hand()
         assert hand.why(0).code == StopReason.DRIVER

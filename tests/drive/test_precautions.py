@@ -31,13 +31,13 @@ def off_route(run, route):
     return away, np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
 
 
-def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, wanted=(0.0, 0.0, 0.0), degraded=()):
+def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0, 0.0, 0.0), degraded=()):
     """A tick of a drive."""
-    t_ns, still = round(1e9 * t_s), np.zeros(3)
+    t_ns, zero = round(1e9 * t_s), np.zeros(3)
     cov = np.zeros((6, 6)) if cov is None else cov
     return Record(
-        Tick(t_ns, still, silent({})), Command(t_ns, still), Command(t_ns, still),
-        Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(wanted), still, 0.0), degraded,
+        Tick(t_ns, zero, silent({})), Command(t_ns, zero), Command(t_ns, zero),
+        Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(velocity), zero, 0.0), degraded,
     )  # fmt: skip
 
 
@@ -97,17 +97,17 @@ def doubtful(off):
     return (Finding("imu[2]", 0, 3.0, AWAY, off, 1.0, 0.0, 1.0),)
 
 
-def watched(caution, rows):
+def watch_rows(caution, rows):
     """Pace and stop after each (time, finding)."""
     out = []
     for t_s, degraded in rows:
-        why = caution.why(round(1e9 * t_s))
+        reason = caution.why(round(1e9 * t_s))
         caution.look(record(t_s, degraded=degraded))
-        out.append((caution._guide.pace, why))
+        out.append((caution._guide.pace, reason))
     return out
 
 
-def begun(*arguments):
+def begin(*arguments):
     caution = Caution(*arguments)
     caution.begin(Blocks(None, Idle(9.0), None, None))
     return caution
@@ -115,35 +115,39 @@ def begun(*arguments):
 
 def test_a_sensor_that_is_off_slows_stops_and_is_named():
     times = np.arange(0.0, WAIT_S + STAND_S + 0.2, 0.1)
-    caution = begun()
-    rows = watched(caution, [(t, doubtful(SENSOR)) for t in times])
+    caution = begin()
+    rows = watch_rows(caution, [(t, doubtful(SENSOR)) for t in times])
     paces = [pace for pace, _ in rows]
     assert paces[:29] == [SLOW] * 29
     assert paces[31:] == [0.0] * len(paces[31:])
-    (code,) = {why.code for _, why in rows if why is not None}
+    (code,) = {reason.code for _, reason in rows if reason is not None}
     assert code == StopReason.ESTIMATE_DOUBTFUL
     assert rows[38][1] is None
     assert rows[-1][1].figures["cause"].subject == "imu[2]"
-    assert [(level, said.code) for _, level, said in caution.events()] == [("warning", "caution.slow")]
+    assert [(level, event.code) for _, level, event in caution.events()] == [("warning", "caution.slow")]
 
 
 def test_what_may_be_the_model_only_slows_and_a_worn_model_does_not():
     for off, pace in ((UNKNOWN, SLOW), (MODEL, 1.0)):
-        rows = watched(begun(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
+        rows = watch_rows(begin(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
         assert rows == [(pace, None)] * 18
 
 
 def test_a_doubt_that_ends_ends_the_slowness():
-    caution = begun()
-    rows = watched(
+    caution = begin()
+    rows = watch_rows(
         caution, [(0.0, doubtful(SENSOR)), (2.0, ()), (3.0, doubtful(SENSOR)), (5.5, doubtful(SENSOR))]
     )
     assert [pace for pace, _ in rows] == [SLOW, 1.0, SLOW, SLOW]
-    assert [said.code for _, _, said in caution.events()] == ["caution.slow", "caution.over", "caution.slow"]
+    assert [event.code for _, _, event in caution.events()] == [
+        "caution.slow",
+        "caution.over",
+        "caution.slow",
+    ]
 
 
 def test_an_uncertain_position_is_a_doubt():
-    caution, cov = begun(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    caution, cov = begin(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
     for t_s in (0.0, WAIT_S):
         caution.look(record(t_s, cov=cov))
     assert caution._guide.pace == 0.0
@@ -151,7 +155,7 @@ def test_an_uncertain_position_is_a_doubt():
 
 
 def test_without_caution_nothing_is_doubtful():
-    assert watched(begun(0.5, False), [(t, doubtful(SENSOR)) for t in (0.0, 9.0)]) == [(1.0, None)] * 2
+    assert watch_rows(begin(0.5, False), [(t, doubtful(SENSOR)) for t in (0.0, 9.0)]) == [(1.0, None)] * 2
 
 
 def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
@@ -163,13 +167,13 @@ def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
 
 
 def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
-    stuck, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
+    at_wall, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
     for t_s in np.arange(0.0, 8.0, 0.1):
-        stuck.look(record(t_s, wanted=(0.2, 0.0, 0.0)))
-        waits.look(record(t_s, wanted=(0.02, 0.0, 0.0)))
-        goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), wanted=(9.0, 0.0, 0.0)))
-    assert stuck.why(4_900_000_000) is None
-    assert stuck.why(5_100_000_000).code == StopReason.STUCK
+        at_wall.look(record(t_s, velocity=(0.2, 0.0, 0.0)))
+        waits.look(record(t_s, velocity=(0.02, 0.0, 0.0)))
+        goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), velocity=(9.0, 0.0, 0.0)))
+    assert at_wall.why(4_900_000_000) is None
+    assert at_wall.why(5_100_000_000).code == StopReason.STUCK
     assert waits.why(7_950_000_000) is None
     assert goes.why(7_950_000_000) is None
 
@@ -177,14 +181,14 @@ def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
 def test_the_region_of_the_place_stops_before_the_wall():
     room, origin = PlainRoom((1.0, 2.0), (0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
     std = 0.1
-    for y, stopped in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
+    for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
         watch = RoomWatch(room, origin)  # the map's y is the room's −x
         watch.look(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
-        assert (watch.why(0) is not None) == stopped
+        assert (watch.why(0) is not None) == stops
     assert watch.why(0).figures["axis"] == "x"
-    still = RoomWatch(room, origin)
-    still.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
-    assert still.why(0).figures["stop_m"] == pytest.approx(0.15)
+    room_watch = RoomWatch(room, origin)
+    room_watch.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
+    assert room_watch.why(0).figures["stop_m"] == pytest.approx(0.15)
 
 
 def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():
@@ -197,9 +201,9 @@ def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():
 def test_a_mission_carries_its_precautions_and_where_the_vehicle_stands():
     care = Precautions(room=PlainRoom((1.0, 2.0), (0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
     mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
-    again = Mission.of_json(mission.json())
-    assert again.start == (0.0, 0.2, 0.5)
-    assert Precautions.of_json(again.precautions) == Precautions.of_json(mission.precautions)
+    mission_received = Mission.of_json(mission.json())
+    assert mission_received.start == (0.0, 0.2, 0.5)
+    assert Precautions.of_json(mission_received.precautions) == Precautions.of_json(mission.precautions)
     assert "precautions" not in Mission("repeat", route=LAP).json()  # as robots of before read it
 
 

@@ -9,7 +9,7 @@ from baqueano.drive.by_hand.screen import Screen, Status, lines
 from baqueano.language import within
 
 
-def shown(frames, rows=24):
+def terminal_screen(frames, rows=24):
     """What a terminal shows after these bytes: up, carriage return, new line and cut off are all it must know."""
     screen, at = [""] * rows, 0
     for token in re.findall(r"\x1b\[\d+A|\x1b\[K|\x1b\[\?2026[hl]|[^\x1b\r\n]+|\r|\n", frames.decode()):
@@ -46,16 +46,16 @@ def test_the_second_block_is_drawn_over_the_first():
     screen, status = Screen(), Status("robot")
     first = screen.frame(lines(status))
     status.applied = np.array([0.3, 0.0, -1.0])
-    seen, at = shown(first + screen.frame(lines(status)))
-    assert seen[: len(lines(status))] == lines(status)
+    screen_lines, at = terminal_screen(first + screen.frame(lines(status)))
+    assert screen_lines[: len(lines(status))] == lines(status)
     assert at == len(lines(status))
-    assert "+0.30" in "".join(seen)
+    assert "+0.30" in "".join(screen_lines)
 
 
 def test_a_terminal_that_is_too_low_shows_the_end_of_the_block():
     block = lines(Status("robot"))
-    seen, _ = shown(Screen().frame(block, height=5))
-    assert seen[:4] == block[-4:]
+    screen_lines, _ = terminal_screen(Screen().frame(block, height=5))
+    assert screen_lines[:4] == block[-4:]
 
 
 def test_what_is_not_known_is_a_dash():

@@ -39,8 +39,8 @@ class Mine:
 def blocks_with(tmp_path, body):
     path = tmp_path / "mi contról.py"
     path.write_text(HEAD + textwrap.indent(textwrap.dedent(body).strip(), " " * 8) + "\n", encoding="utf-8")
-    mine = resolve("controller", f"{path}:Mine")()
-    return Blocks(FILE.estimator(), SinuousCircle(laps=0), mine, FILE.supervisor())
+    controller = resolve("controller", f"{path}:Mine")()
+    return Blocks(FILE.estimator(), SinuousCircle(laps=0), controller, FILE.supervisor())
 
 
 def run_of(blocks, **options):
@@ -92,10 +92,10 @@ def test_a_block_with_an_if_on_a_value_runs_as_it_is_written_and_the_run_says_so
 @pytest.mark.parametrize("backend", ["auto", "numpy"])
 def test_a_block_that_fails_is_named_with_its_file_and_line(tmp_path, body, words, backend):
     run = run_of(blocks_with(tmp_path, body), backend=backend)
-    why = stop_of(run)
-    assert why.figures["block"].startswith("controller Mine (")
-    assert "mi contról.py:" in why.figures["block"]
-    assert words in text(why)
+    reason = stop_of(run)
+    assert reason.figures["block"].startswith("controller Mine (")
+    assert "mi contról.py:" in reason.figures["block"]
+    assert words in text(reason)
     assert np.array_equal(run.applied, np.zeros_like(run.applied))
     assert np.isfinite(run.estimate.eta).all()
     assert len(run.t_ns) == 30
@@ -142,9 +142,9 @@ def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_
 
 def test_the_estimator_of_a_new_project_takes_a_recording_whose_clock_began_in_1970():
     run = experiment(FILE, np.tile([0.6, 0.0, 0.1], (200, 1))).cut(1.0)  # it begins in motion
-    mine = FILE.estimator(kind=f"{files('baqueano.project').joinpath('my_estimator.py')}:MyEstimator")
+    estimator = FILE.estimator(kind=f"{files('baqueano.project').joinpath('my_estimator.py')}:MyEstimator")
     now, since_1970 = (
-        replay(r, FILE, blocks_of(r, FILE)._replace(estimator=mine)).estimate
+        replay(r, FILE, blocks_of(r, FILE)._replace(estimator=estimator)).estimate
         for r in (run, later(run, 1_700_000_000_000_000_000))
     )
     assert now is not None

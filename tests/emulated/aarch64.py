@@ -44,11 +44,11 @@ def python() -> list[str]:
 
 def environment(compiler: bool, cache: Path) -> dict[str, str]:
     """In which it finds the sources and the wheels, and a C compiler or none, as on a Pi without build-essential."""
-    found = {
+    paths = {
         "PYTHONHOME": str(SYSTEM / "usr"), "PYTHONPATH": f"{ROOT / 'src'}:{PACKAGES}", "PYTHONDONTWRITEBYTECODE": "1",
         "XDG_CACHE_HOME": str(cache), "PATH": "/nowhere",
     }  # fmt: skip
-    return found | ({"BAQUEANO_CC": shutil.which(COMPILER) or COMPILER} if compiler else {})
+    return paths | ({"BAQUEANO_CC": shutil.which(COMPILER) or COMPILER} if compiler else {})
 
 
 def make() -> None:
@@ -60,8 +60,8 @@ def make() -> None:
     if not PACKAGES.exists():
         bundle(WHEELS, TargetMachine((3, 11), "aarch64", "pilot"), print)
         for wheel in WHEELS.glob("*.whl"):
-            with zipfile.ZipFile(wheel) as packed:
-                packed.extractall(PACKAGES)
+            with zipfile.ZipFile(wheel) as archive:
+                archive.extractall(PACKAGES)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ class BadLine:
         self.gone, self.noise, self.twice, self.swapped = False, 0.0, 0.0, 0.0
         self._chance = random.Random(seed)
         self._write, self._read = robot.write, robot.read
-        self._open, self._held = b"", {"to": b"", "of": b""}
+        self._open, self._delayed_frames = b"", {"to": b"", "of": b""}
         robot.write, robot.read = self.write, self.read
 
     def write(self, data: bytes) -> None:
@@ -29,19 +29,19 @@ class BadLine:
         if self.gone:
             raise OSError("the line is gone")
         *frames, self._open = (self._open + data).split(b"\0")
-        passed = (one for body in frames if body for one in self._passed("of", b"\0" + body + b"\0"))
+        passed = (frame for body in frames if body for frame in self._passed("of", b"\0" + body + b"\0"))
         return b"".join(map(self._noisy, passed))
 
     def _passed(self, way: str, frame: bytes) -> Iterator[bytes]:
-        held, self._held[way] = self._held[way], b""
-        if not held and self._chance.random() < self.swapped:
-            self._held[way] = frame
+        delayed_frame, self._delayed_frames[way] = self._delayed_frames[way], b""
+        if not delayed_frame and self._chance.random() < self.swapped:
+            self._delayed_frames[way] = frame
             return
         yield frame
         if self._chance.random() < self.twice:
             yield frame
-        if held:
-            yield held
+        if delayed_frame:
+            yield delayed_frame
 
     def _noisy(self, frame: bytes) -> bytes:
         chance = self._chance

@@ -13,7 +13,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.robot.service.service import Service
 from tests.emulated import rig
-from tests.emulated.drives import served
+from tests.emulated.drives import serve
 from tests.emulated.robot import EmulatedRobot
 from tests.emulated.uno import EmulatedUno
 
@@ -44,8 +44,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         packages = [p for name in getattr(item, "fixturenames", ()) for p in lacking.get(name, ())]
         if packages:
-            wanted = " ".join(dict.fromkeys(packages))
-            item.add_marker(pytest.mark.skip(reason=f"{item.name}: sudo apt-get install {wanted}"))
+            install = " ".join(dict.fromkeys(packages))
+            item.add_marker(pytest.mark.skip(reason=f"{item.name}: sudo apt-get install {install}"))
 
 
 @pytest.fixture(scope="session")
@@ -58,14 +58,14 @@ def firmware(request: pytest.FixtureRequest) -> rig.Built:
 @pytest.fixture
 def new_uno(firmware: rig.Built) -> Iterator[Callable[..., EmulatedUno]]:
     """`new_uno(ppm=…)`: an emulated Uno, freed at the end of the test."""
-    made: list[EmulatedUno] = []
+    unos: list[EmulatedUno] = []
 
     def make(**options) -> EmulatedUno:
-        made.append(EmulatedUno(firmware, **options))
-        return made[-1]
+        unos.append(EmulatedUno(firmware, **options))
+        return unos[-1]
 
     yield make
-    for uno in made:
+    for uno in unos:
         uno.close()
 
 
@@ -87,7 +87,7 @@ def robot(firmware: rig.Built, monkeypatch: pytest.MonkeyPatch) -> Iterator[Emul
 @pytest.fixture
 def service(robot: EmulatedRobot, tmp_path: Path) -> Service:
     """Its onboard service."""
-    return served(robot, vehicle_file.load("small"), tmp_path)
+    return serve(robot, vehicle_file.load("small"), tmp_path)
 
 
 @pytest.fixture

@@ -18,19 +18,19 @@ from tests.emulated.robot import EmulatedRobot
 TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
 
 
-def served(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
-    """A service on this robot that has had a look at everything; what it told is in `told`."""
-    told: list[dict[str, Any]] = []
+def serve(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
+    """A service on this robot that has had a look at everything; its messages are in `messages`."""
+    messages: list[dict[str, Any]] = []
     service: Any = Service(
-        robot.uno, robot.imu, file.robot, folder, Operator(lambda: robot.now_ns), told.append,
+        robot.uno, robot.imu, file.robot, folder, Operator(lambda: robot.now_ns), messages.append,
         now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
-    service.told = told
-    looked(service, robot, 5)
+    service.messages = messages
+    look_around(service, robot, 5)
     return service
 
 
-def looked(service: Any, robot: EmulatedRobot, times: int) -> None:
+def look_around(service: Any, robot: EmulatedRobot, times: int) -> None:
     """Lets it look, as it does while idle."""
     for _ in range(times):
         service.idle()
@@ -44,10 +44,10 @@ def spin(seconds: float = 1.0, turn: float = 0.6, file: Any = None) -> Mission:
     return packed(Mission("experiment", u=u), file)
 
 
-def drive(service: Any, what: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
+def drive(service: Any, mission: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
     """Takes the mission; how it ended, and its run."""
-    service.take(what, attended)
-    done = [m for m in service.told if m["is"] == "done"][-1]
+    service.take(mission, attended)
+    done = [m for m in service.messages if m["is"] == "done"][-1]
     return done, None if done["run"] is None else read_run(service.folder / done["run"])
 
 

@@ -24,7 +24,7 @@ class Hand:
         self.heading, self.lift, self.roll = 0.0, 0.0, 0.0  # targets [rad]
         self._before = (0.0, 0.0, 0.0)
         self._since_ns = robot.now_ns
-        robot.chip.motion = self.felt
+        robot.chip.motion = self.motion
 
     def moves(self, *, heading=None, lift=None, roll=None):
         """Begins to move there, from now on."""
@@ -39,7 +39,7 @@ class Hand:
         rate = (target - self._before) / TURN_S if share < 1.0 else np.zeros(3)
         return np.asarray(self._before) + share * (target - self._before), rate
 
-    def felt(self, t_ns):
+    def motion(self, t_ns):
         """Force and rate along the chip's axes."""
         (heading, lift, roll), (turning, lifting, rolling) = self._now(t_ns)
         c, s = np.cos(heading), np.sin(heading)

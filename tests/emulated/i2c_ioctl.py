@@ -90,8 +90,8 @@ def _smbus(bus: EmulatedBus, address: int, arg) -> None:
         bus.transfer(address, [(False, bytes([arg.command, data.byte]))])
     elif arg.size == 8 and arg.read_write:
         count = data.block[0]
-        read = bus.transfer(address, [(False, bytes([arg.command])), (True, count)])[0]
-        data.block[1 : 1 + count] = list(read)
+        data_read = bus.transfer(address, [(False, bytes([arg.command])), (True, count)])[0]
+        data.block[1 : 1 + count] = list(data_read)
     else:
         raise OSError(95, "not emulated")
 
@@ -111,11 +111,11 @@ def start(bench: Bench, **settings):
     from baqueano.robot.imu import driver as imu
     from baqueano.robot.imu.settings import ImuSettings
 
-    bench.said = []
+    bench.printed = []
     return imu.open(
         bench.path,
         settings=ImuSettings(**settings),
-        say=bench.said.append,
+        say=bench.printed.append,
         now_ns=bench.clock.now_ns,
         sleep=bench.clock.sleep,
     )

@@ -92,14 +92,14 @@ class Kernel:
             self.bus.transfer(self.slave, [(False, bytes([command]))])
             return
         data = head.resolve(8, 34)
-        held = bytes(data.retrieve())
+        word = bytes(data.retrieve())
         if size in (1, 2) and reads:
             messages = [(False, bytes([command])), (True, 1)] if size == 2 else [(True, 1)]
             data.update(0, self.bus.transfer(self.slave, messages)[0])
         elif size == 2:
-            self.bus.transfer(self.slave, [(False, bytes([command, held[0]]))])
+            self.bus.transfer(self.slave, [(False, bytes([command, word[0]]))])
         elif size == 8 and reads:
-            data.update(1, self.bus.transfer(self.slave, [(False, bytes([command])), (True, held[0])])[0])
+            data.update(1, self.bus.transfer(self.slave, [(False, bytes([command])), (True, word[0])])[0])
         else:
             raise OSError(errno.EOPNOTSUPP, "not emulated")
 
@@ -118,7 +118,7 @@ def obey(loop, bus: EmulatedBus, chip: MpuEmulator, line: str) -> None:
     elif verb == "fail":
         bus.fail(*values)
     elif verb == "hold":
-        bus.held = values[0]
+        bus.sda_low = values[0]
     elif verb == "reg":
         answer = chip.regs[values[0]]
     elif verb == "timeout":

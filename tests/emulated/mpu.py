@@ -166,11 +166,11 @@ class MpuEmulator:
         if self.now_ns is not None:
             self.run_until(self.now_ns())
         answers = []
-        for reads, what in messages:
+        for reads, payload in messages:
             if reads:
-                answers.append(bytes(self._read() for _ in range(int(what))))
+                answers.append(bytes(self._read() for _ in range(int(payload))))
             else:
-                data = bytes(what)  # type: ignore[arg-type]
+                data = bytes(payload)  # type: ignore[arg-type]
                 if data:
                     self.pointer = data[0] & 0x7F
                     for value in data[1:]:
@@ -332,7 +332,7 @@ class EmulatedBus:
         self.spend = spend  # told how many ns each transfer took, by a test whose clock is not the wall's
         self.bus_hz = 400_000.0
         self.timeout_ns = 1_000_000_000  # the kernel's own, until I2C_TIMEOUT
-        self.held = False  # SDA held low
+        self.sda_low = False  # SDA held low
         self.faults: deque[int] = deque()  # errno of the transfers to come; 0 for a good one
         self.cut: int | None = None  # the next read ends with an error after so many bytes
         self.transfers = 0
@@ -347,10 +347,10 @@ class EmulatedBus:
         self.transfers += 1
         if any(reads for reads, _ in messages[:-1]):
             raise OSError(errno.EOPNOTSUPP, "i2c-bcm2835: only one read message, and that one last")
-        if self.held:
+        if self.sda_low:
             self._spend(self.timeout_ns)
             raise OSError(errno.ETIMEDOUT, "Connection timed out")
-        sent = sum(1 + (int(what) if reads else len(what)) for reads, what in messages)  # type: ignore[arg-type]
+        bytes_sent = sum(1 + (int(data) if reads else len(data)) for reads, data in messages)  # type: ignore[arg-type]
         fault = self.faults.popleft() if self.faults else 0
         if fault:
             self._spend(self.timeout_ns if fault == errno.ETIMEDOUT else int(9e9 / self.bus_hz))
@@ -363,7 +363,7 @@ class EmulatedBus:
             self.devices[address].transfer([*messages[:-1], reads])
             raise OSError(errno.EIO, "injected in the middle")
         answers = self.devices[address].transfer(messages)
-        self._spend(int(9e9 * sent / self.bus_hz))
+        self._spend(int(9e9 * bytes_sent / self.bus_hz))
         return answers
 
     def control(self, request: int, value: int) -> None:

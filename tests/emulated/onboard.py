@@ -24,8 +24,14 @@ CLOCK_HZ = os.sysconf("SC_CLK_TCK")
 class Running:
     """A service that said READY=1 to its systemd, and what the system tells of it."""
 
-    def __init__(self, process: Any, door: Path, file: Any, live: OnPty, said: list[str]) -> None:
-        self.process, self.door, self.file, self.live, self.said = process, door, file, live, said
+    def __init__(self, process: Any, door: Path, file: Any, live: OnPty, messages: list[str]) -> None:
+        self.process, self.door, self.file, self.live, self.notifications = (
+            process,
+            door,
+            file,
+            live,
+            messages,
+        )
         self.start_s = self.cpu_s = 0.0  # until READY=1
 
     def memory_mb(self) -> dict[str, float]:
@@ -33,8 +39,8 @@ class Running:
         text = Path(f"/proc/{self.process.pid}/status").read_text()
         text += Path(f"/proc/{self.process.pid}/smaps_rollup").read_text()
         lines = (line.split() for line in text.splitlines())
-        wanted = ("VmRSS:", "VmHWM:", "VmLck:", "Pss:")
-        return {words[0][:-1]: 1024e-6 * float(words[1]) for words in lines if words and words[0] in wanted}
+        keys = ("VmRSS:", "VmHWM:", "VmLck:", "Pss:")
+        return {words[0][:-1]: 1024e-6 * float(words[1]) for words in lines if words and words[0] in keys}
 
     def guest_mb(self, emulator: str) -> float:
         """Resident memory [MB] less the emulator's program and the code that it made: at most that of its guest."""
@@ -65,7 +71,7 @@ def vehicle_of(port: str, folder: Path) -> Any:
 
 @contextmanager
 def running(
-    built: Built,
+    build: Built,
     folder: Path,
     python: Sequence[str] = (sys.executable,),
     environment: dict[str, str] | None = None,
@@ -78,7 +84,7 @@ def running(
     try:
         if machine is not None and unheard:
             machine.order("fail", errno.EREMOTEIO, unheard)
-        with on_pty(built) as live:
+        with on_pty(build) as live:
             file = vehicle_of(live.path, folder)
             devices = (
                 {} if machine is None else {k: machine.environment[k] for k in ("UMOCKDEV_DIR", "LD_PRELOAD")}
@@ -94,28 +100,30 @@ def running(
 def _spawned(
     python: Sequence[str], file: Any, folder: Path, live: OnPty, environment: dict[str, str]
 ) -> Iterator[Running]:
-    door, told = folder / "door", folder / "notify"
+    door, notify = folder / "door", folder / "notify"
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    listener.bind(str(told))
+    listener.bind(str(notify))
     listener.settimeout(0.2)
     with (folder / "said.txt").open("wb") as out, listener:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         process = subprocess.Popen(
             [*python, "-m", "baqueano", "robot", "run", "--vehicle", str(file.path), "--door", str(door),
              "--runs", str(folder / "there")],
             stdout=out, stderr=subprocess.STDOUT,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **environment, "NOTIFY_SOCKET": str(told)},
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **environment, "NOTIFY_SOCKET": str(notify)},
         )  # fmt: skip
         service = Running(process, door, file, live, [])
         try:
-            while "READY=1" not in service.said:
+            while "READY=1" not in service.notifications:
                 assert process.poll() is None, (folder / "said.txt").read_text()
-                assert time.monotonic() < begun + PATIENCE_S, (folder / "said.txt").read_text()
+                assert time.monotonic() < start_s + PATIENCE_S, (folder / "said.txt").read_text()
                 with suppress(TimeoutError):
-                    service.said.append(listener.recv(4096).decode())
-            service.start_s, service.cpu_s = time.monotonic() - begun, service.used_s()
+                    service.notifications.append(listener.recv(4096).decode())
+            service.start_s, service.cpu_s = time.monotonic() - start_s, service.used_s()
             done = threading.Event()
-            hearing = threading.Thread(target=_hear, args=(listener, service.said, done), daemon=True)
+            hearing = threading.Thread(
+                target=_hear, args=(listener, service.notifications, done), daemon=True
+            )
             hearing.start()
             try:
                 yield service
@@ -127,7 +135,7 @@ def _spawned(
             process.wait()
 
 
-def _hear(listener: socket.socket, said: list[str], done: threading.Event) -> None:
+def _hear(listener: socket.socket, messages: list[str], done: threading.Event) -> None:
     while not done.is_set():
         with suppress(TimeoutError):
-            said.append(listener.recv(4096).decode())
+            messages.append(listener.recv(4096).decode())

@@ -73,16 +73,16 @@ def bits(numbers, size):
     return bytes(out)
 
 
-def pad(**how):
+def pad(**options):
     """One like most: sticks of 16 bits, ten buttons."""
     axes = {code: [0, -32768, 32767, 16, 128, 0] for code in (0, 1, 3, 4)}
-    return KernelDevice(**{"name": "Emulated pad", "keys": range(0x130, 0x13B), "axes": axes} | how)
+    return KernelDevice(**{"name": "Emulated pad", "keys": range(0x130, 0x13B), "axes": axes} | options)
 
 
-def bare_pad(**how):
+def bare_pad(**options):
     """One whose sticks are bytes that the kernel takes for 0 until they move."""
     axes = {code: [0, 0, 255, 0, 15, 0] for code in (0, 1)}
-    return KernelDevice(**{"name": "Bare pad", "keys": range(0x120, 0x12C), "axes": axes} | how)
+    return KernelDevice(**{"name": "Bare pad", "keys": range(0x120, 0x12C), "axes": axes} | options)
 
 
 def keyboard():
@@ -109,7 +109,7 @@ def connect(patches, devices):
     def of(fd):
         return by_file.get(os.fstat(fd).st_ino)
 
-    def read(fd, size):
+    def read_kernel(fd, size):
         device = of(fd)
         return real_read(fd, size) if device is None else device.read(size)
 
@@ -121,5 +121,5 @@ def connect(patches, devices):
         arg[: len(answer)] = answer
         return len(answer)
 
-    patches.setattr(os, "read", read)
+    patches.setattr(os, "read", read_kernel)
     patches.setattr(fcntl, "ioctl", ioctl)

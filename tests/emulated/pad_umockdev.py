@@ -38,8 +38,8 @@ class Machine:
             f"E: DEVNAME={node}\nE: SUBSYSTEM=input\nE: MAJOR=13\nE: MINOR={64 + number}\n"
         )
         handler = UMockdev.IoctlBase()
-        handler.connect("handle-ioctl", answered, lambda client: asked(device, client))
-        handler.connect("handle-read", answered, lambda client: read(device, client))
+        handler.connect("handle-ioctl", answer_ioctl, lambda client: read_ioctl(device, client))
+        handler.connect("handle-read", answer_ioctl, lambda client: read_device(device, client))
         self.bed.attach_ioctl(node, handler)
         self.handlers.append(handler)
 
@@ -51,16 +51,16 @@ class Machine:
         Path(self.bed.get_root_dir(), "dev/input", f"event{number}").unlink()
 
 
-def answered(_handler, client, what) -> bool:
+def answer_ioctl(_handler, client, reply) -> bool:
     """One call; the emulator's OSError becomes the client's errno."""
     try:
-        client.complete(what(client), 0)
+        client.complete(reply(client), 0)
     except OSError as error:
         client.complete(-1, error.errno)
     return True
 
 
-def asked(device, client) -> int:
+def read_ioctl(device, client) -> int:
     """An ioctl that reads."""
     size = client.get_request() >> 16 & 0x3FFF
     answer = device.ioctl(client.get_request())
@@ -68,7 +68,7 @@ def asked(device, client) -> int:
     return len(answer)
 
 
-def read(device, client) -> int:
+def read_device(device, client) -> int:
     """A read."""
     room = client.get_arg()
     data = device.read(len(bytes(room.retrieve())))

@@ -31,19 +31,19 @@ def new(bits: list[int], scl_held: bool = False) -> dict:
     }  # fmt: skip
 
 
-def seen(lines: dict) -> tuple[int, int]:
+def levels(lines: dict) -> tuple[int, int]:
     """SDA and SCL: high where nobody pulls."""
-    pulled = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
+    low_sides = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
     chip = [bool(lines["bits"]) and not lines["bits"][0], lines["scl_held"]]
-    return int(not (pulled[0] or chip[0])), int(not (pulled[1] or chip[1]))
+    return int(not (low_sides[0] or chip[0])), int(not (low_sides[1] or chip[1]))
 
 
-def change(lines: dict, pin: str, what: str, value: object) -> None:
+def change(lines: dict, pin: str, key: str, value: object) -> None:
     """One register is written, and the chip sees what that does to the lines."""
-    sda, scl = seen(lines)
-    lines[what][pin] = value
+    sda, scl = levels(lines)
+    lines[key][pin] = value
     lines["driven_high"] += any(lines["function"][p] == "op" and lines["level"][p] for p in ("2", "3"))
-    now_sda, now_scl = seen(lines)
+    now_sda, now_scl = levels(lines)
     if scl and now_scl and sda != now_sda:
         lines["bits"] = []
         lines["stops" if now_sda else "starts"] += 1
@@ -84,7 +84,7 @@ def main(lines: dict, words: list[str]) -> int:
             print(f'Unknown argument "{option}"')
             return 1
     for n in numbers:
-        put(lines, str(n), options)
+        put_pin(lines, str(n), options)
     return 0
 
 
@@ -92,14 +92,14 @@ def tell(lines: dict, n: int) -> None:
     """The line of `get`."""
     function = lines["function"][str(n)]
     name = NAMES.get(function, "-")
-    level = "hi" if seen(lines)[n - 2] else "lo"
+    level = "hi" if levels(lines)[n - 2] else "lo"
     drive = "--" if function == "op" else "  "
     print(
         f"{n:2d}: {function:>2} {drive} -- | {level} // GPIO{n} = {name if isinstance(name, str) else name[n]}"
     )
 
 
-def put(lines: dict, pin: str, options: list[str]) -> None:
+def put_pin(lines: dict, pin: str, options: list[str]) -> None:
     """Function, then level, as do_gpio_set does it; pulls are weaker than a chip and count for nothing here."""
     for option in options:
         if option in FUNCTIONS:
@@ -121,7 +121,7 @@ class Lines:
 
     def __bool__(self) -> bool:
         lines = self.read()
-        return set(lines["function"].values()) != {"a0"} or seen(lines) != (1, 1)
+        return set(lines["function"].values()) != {"a0"} or levels(lines) != (1, 1)
 
     def read(self) -> dict:
         return json.loads(self.path.read_text())
@@ -131,9 +131,9 @@ class Lines:
         part.write_text(json.dumps(lines))
         os.replace(part, self.path)
 
-    def put(self, **what) -> None:
+    def put(self, **values) -> None:
         """Changes them from outside."""
-        self.write({**self.read(), **what})
+        self.write({**self.read(), **values})
 
     def fails(self, kind: str, verb: str = "set", after: int = 0, times: int = 1) -> None:
         """So many calls of this verb, after so many good ones."""
@@ -156,11 +156,11 @@ def on_path(folder: Path, patches, bits: list[int], scl_held: bool = False) -> L
 
 
 if __name__ == "__main__":
-    kept = Lines.__new__(Lines)
-    kept.path = Path(os.environ["PINCTRL_LINES"])
-    state = kept.read()
+    pin_file = Lines.__new__(Lines)
+    pin_file.path = Path(os.environ["PINCTRL_LINES"])
+    state = pin_file.read()
     state["calls"].append(sys.argv[1:])
-    kept.write(state)
+    pin_file.write(state)
     code = main(state, sys.argv[1:])
-    kept.write(state)
+    pin_file.write(state)
     sys.exit(code)

@@ -26,9 +26,9 @@ LATE_S = 0.02  # between two of its steps; what is more is lost
 class OnPty:
     """One Uno, its line and the thread in which it lives. Look at `uno` under `lock` alone."""
 
-    def __init__(self, built: Built, **options) -> None:
+    def __init__(self, build: Built, **options) -> None:
         self.lost_s, self._heard_s, self._decoder = 0.0, 0.0, Decoder()
-        self.uno, self.lock = EmulatedUno(built, **options), threading.Lock()
+        self.uno, self.lock = EmulatedUno(build, **options), threading.Lock()
         self.master, slave = pty.openpty()
         tty.setraw(slave)
         os.set_blocking(self.master, False)
@@ -77,7 +77,7 @@ class OnPty:
                 data = os.read(self.master, 4096)
                 with self.lock:
                     arrived_s = self.uno.write(data)
-                if any(isinstance(one.frame, Drive) for one in self._decoder.feed(data)):
+                if any(isinstance(frame.frame, Drive) for frame in self._decoder.feed(data)):
                     self._heard_s = arrived_s
             with self.lock:
                 self.uno.run_until(time.monotonic() - self._begun)
@@ -88,9 +88,9 @@ class OnPty:
 
 
 @contextmanager
-def on_pty(built: Built, **options) -> Iterator[OnPty]:
+def on_pty(build: Built, **options) -> Iterator[OnPty]:
     """An Uno that lives until the end of the block."""
-    live = OnPty(built, **options)
+    live = OnPty(build, **options)
     try:
         yield live
     finally:

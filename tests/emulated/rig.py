@@ -100,10 +100,10 @@ def build(cache: Path) -> Built:
             os.rename(making, folder)
         except OSError:  # another worker was quicker
             shutil.rmtree(making)
-    return Built(folder / "uno.elf", folder / "uno.hex", typed(ctypes.CDLL(str(folder / "librig.so"))))
+    return Built(folder / "uno.elf", folder / "uno.hex", with_types(ctypes.CDLL(str(folder / "librig.so"))))
 
 
-def typed(library: ctypes.CDLL) -> ctypes.CDLL:
+def with_types(library: ctypes.CDLL) -> ctypes.CDLL:
     """The library with the signatures of rig.c."""
     buffer = (c_void_p, c_uint32, c_char_p, c_size_t)
     signatures: dict[str, tuple[object, tuple[object, ...]]] = {

@@ -48,11 +48,11 @@ class EmulatedRobot:
     clock of the host is ahead of true time, by which the Uno lives."""
 
     def __init__(
-        self, built: Built, truth: Any, seed: int = 0, patches: Any = None, *, chip: Any = None,
+        self, build: Built, truth: Any, seed: int = 0, patches: Any = None, *, chip: Any = None,
         host_ppm: float = 0.0, **uno: Any,
     ) -> None:  # fmt: skip
         self._true_s_per_ns = 1e-9 / (1.0 + 1e-6 * host_ppm)
-        self.board = EmulatedUno(built, battery_v=truth.vehicle.drivetrain.battery_v, **uno)
+        self.board = EmulatedUno(build, battery_v=truth.vehicle.drivetrain.battery_v, **uno)
         self.now_ns = MS * round(1e3 * self.board.t_s + 1)
         quick = override(truth, ("rate_hz=1000",))
         self.uno = Uno(self, self._time)
@@ -68,7 +68,7 @@ class EmulatedRobot:
 
         self._step = function(step, self.state, np.zeros(2), np.zeros(3))
         options = {"now_ns": self._time, "start_ns": self.now_ns, "seed": seed + 1} | (chip or {})
-        self.chip = MpuEmulator(self._felt, **options)
+        self.chip = MpuEmulator(self._specific_force, **options)
         self.bus = EmulatedBus({0x68: self.chip}, lambda ns: None)
         self._folder = tempfile.TemporaryDirectory(prefix="emulated-")
         path = str(Path(self._folder.name) / "i2c-1")
@@ -121,14 +121,14 @@ class EmulatedRobot:
         truths, self._truths = self._truths, []
         return truths
 
-    def seen(self, t_ns: int) -> None:
+    def keep_truth(self, t_ns: int) -> None:
         """Keeps the truth of now under the time `t_ns` of a run."""
         self._truths.append((t_ns, self.motion))
 
     def _time(self) -> int:
         return self.now_ns
 
-    def _felt(self, t_ns: int) -> Any:
+    def _specific_force(self, t_ns: int) -> Any:
         return self._force
 
     def _shaken(self, z: np.ndarray) -> Any:
@@ -166,7 +166,7 @@ class EmulatedWorld(Robot):
         while True:
             due = round(k * 1e9 / rate_hz)
             self.robot.run_until(start + due)
-            self.robot.seen(due)
+            self.robot.keep_truth(due)
             yield due
             k += 1
 
@@ -176,8 +176,8 @@ class EmulatedWorld(Robot):
 
 
 def world_of(
-    built: Built, file: Any, truth: Any = None, seed: int = 0
+    build: Built, file: Any, truth: Any = None, seed: int = 0
 ) -> tuple[EmulatedWorld, Iterator[int]]:
     """World and clock for `drive`, of the vehicle `truth`."""
-    world = EmulatedWorld(EmulatedRobot(built, file if truth is None else truth, seed), file)
+    world = EmulatedWorld(EmulatedRobot(build, file if truth is None else truth, seed), file)
     return world, world.ticks(file.rate_hz)

@@ -22,7 +22,7 @@ ATTEMPTS = 4
 
 
 @pytest.fixture(autouse=True)
-def _made(request):
+def _aarch64(request):
     if lacking := aarch64.missing():
         pytest.skip(f"{request.node.name}: {lacking}")
 
@@ -47,9 +47,9 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
         guest_mb = service.guest_mb("qemu-aarch64")
         with reached(str(service.door)) as remote:
             ready(remote)
-            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (200, 1))), service.file)
+            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (200, 1))), service.file)
             for attempt in range(ATTEMPTS):  # a slow guest may hear the Uno too late
-                run = remote.perform(what, tmp_path / f"{attempt}.mcap")
+                run = remote.perform(mission, tmp_path / f"{attempt}.mcap")
                 if not stop_of(run):
                     break
                 remote.say(do="clear")

@@ -20,7 +20,7 @@ from baqueano.robot.service.service import CLOSING_S, HANGING_S, PREPARING_S
 from baqueano.robot.uno.frames import ResetCause, StateFlag
 from baqueano.runs import RunWriter
 from tests.emulated.bad_line import BadLine
-from tests.emulated.drives import TEACHER, drive, during, looked, served, spin
+from tests.emulated.drives import TEACHER, drive, during, look_around, serve, spin
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def preparing(monkeypatch):
 
     def begin(act):
         load = service_module.unpacked
-        monkeypatch.setattr(service_module, "unpacked", lambda *what: (act(), load(*what))[1])
+        monkeypatch.setattr(service_module, "unpacked", lambda *args: (act(), load(*args))[1])
 
     return begin
 
@@ -51,26 +51,26 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     done, run = drive(service, spin())
     assert (done["why"], troubles) == (None, [None])
     assert not [e.text for e in run.events if "received no command" in e.text]
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
 
 def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service, robot, tmp_path):
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     service.folder = tmp_path / "a file" / "runs"
     service.folder.parent.write_text("no folder")
     service.take(spin(), True, "mine")
-    looked(service, robot, 3)
-    done = [one for one in service.told if one["is"] == "done"][-1]
+    look_around(service, robot, 3)
+    done = [message for message in service.messages if message["is"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
     assert "Type: ls -ld" in text(done["why"])
     assert service.machine.state is DoorState.READY
 
 
-def cleared(service, robot, times):
+def clear_after(service, robot, times):
     """Somebody says so, once, and it looks so often."""
     service.operator.clear_requested = True
-    looked(service, robot, times)
+    look_around(service, robot, times)
 
 
 def latched(robot):
@@ -80,37 +80,37 @@ def latched(robot):
 
 def test_the_latch_of_the_uno_is_asked_away_until_telemetry_shows_that_it_is(service, robot):
     service.operator.stop(TEACHER)
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     assert latched(robot)
     robot.write = lambda data: None
-    cleared(service, robot, 2)
+    clear_after(service, robot, 2)
     del robot.write
     assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     assert service.machine.state is DoorState.READY
     assert not latched(robot)
 
 
 def test_a_latch_of_before_the_service_can_be_cleared_though_nothing_stopped_it(service, robot):
     robot.uno.stop()
-    looked(service, robot, 2)
+    look_around(service, robot, 2)
     assert service.machine.state is DoorState.DISARMED
     assert service.machine.why == stop(StopReason.UNO_LATCHED, "baqueano robot clear")
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     assert latched(robot), "only a person takes it away"
-    cleared(service, robot, 3)
+    clear_after(service, robot, 3)
     assert service.machine.state is DoorState.READY
     assert not latched(robot)
 
 
 def test_a_clear_of_long_ago_takes_no_later_latch_away(service, robot):
-    cleared(service, robot, 2)
+    clear_after(service, robot, 2)
     robot.uno.stop()
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     assert service.machine.state is DoorState.DISARMED
     assert latched(robot)
     service.operator.stop(TEACHER)
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED
     assert latched(robot)
 
@@ -125,7 +125,7 @@ def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_a
 
     during(service, robot, 0.5, both)
     drive(service, spin(3.0))
-    looked(service, robot, 10)
+    look_around(service, robot, 10)
     assert robot.uno.statistics.resets == 1
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
@@ -136,9 +136,9 @@ def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
     assert (done["why"], done["code"]) == (None, 0), "the drive itself went well"
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
     assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     assert service.machine.state is DoorState.STOPPED
-    cleared(service, robot, 3)
+    clear_after(service, robot, 3)
     assert service.machine.state is DoorState.READY
 
 
@@ -166,7 +166,7 @@ def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason
     closing(lambda: service.operator.stop(TEACHER))
     done, _ = drive(service, spin(3.0))
     assert done["why"].code == StopReason.UNO_RESET
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, done["why"])
 
 
@@ -211,11 +211,11 @@ def mission_of(*settings):
 
 
 def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot):
-    own, seen = config_of(service.hardware, robot.uno.info), []
-    during(service, robot, 0.1, lambda: seen.append(robot.uno.info.config))
+    own, configs = config_of(service.hardware, robot.uno.info), []
+    during(service, robot, 0.1, lambda: configs.append(robot.uno.info.config))
     drive(service, mission_of("robot.least_battery_v=7.9", "robot.dead_man_s=0.2"))
-    assert [(config.least_battery_mv, config.dead_man_ms) for config in seen] == [(7900, 200)]
-    looked(service, robot, 60)
+    assert [(config.least_battery_mv, config.dead_man_ms) for config in configs] == [(7900, 200)]
+    look_around(service, robot, 60)
     assert robot.board.info().config == own
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
@@ -225,20 +225,20 @@ def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(se
     during(service, robot, 0.2, lambda: setattr(line, "gone", True))
     drive(service, mission_of("robot.least_battery_v=7.9"))
     end_ns = robot.now_ns
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     assert robot.now_ns - end_ns == pytest.approx(0.15e9), "no look waits for an answer"
     line.gone = False
-    cleared(service, robot, 60)
+    clear_after(service, robot, 60)
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
 
 def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_again(robot, tmp_path):
     file = vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"])
-    service = served(robot, file, tmp_path)
+    service = serve(robot, file, tmp_path)
     own = config_of(file.robot, robot.uno.info)
     assert robot.board.info().config == own
     robot.board.reset(ResetCause.BROWN_OUT)
-    looked(service, robot, 10)
+    look_around(service, robot, 10)
     assert robot.uno.statistics.resets == 1
     assert robot.board.info().config == own
     assert service.machine.state is DoorState.READY
@@ -246,26 +246,26 @@ def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_ag
 
 def test_nothing_piles_up_while_it_stands(service, robot):
     service.tell = lambda message: None
-    ours = [  # the clocks keep windows of some seconds, which are not full yet
+    filters = [  # the clocks keep windows of some seconds, which are not full yet
         tracemalloc.Filter(True, f"*/baqueano/{part}.py")
         for part in ("worlds/robot", "robot/service/service", "robot/service/health", "robot/imu/watch")
     ]
     looks = 100
     tracemalloc.start()
     try:
-        looked(service, robot, looks)
-        before = tracemalloc.take_snapshot().filter_traces(ours)
-        looked(service, robot, looks)
-        after = tracemalloc.take_snapshot().filter_traces(ours)
+        look_around(service, robot, looks)
+        before = tracemalloc.take_snapshot().filter_traces(filters)
+        look_around(service, robot, looks)
+        after = tracemalloc.take_snapshot().filter_traces(filters)
     finally:
         tracemalloc.stop()
-    grown = sum(difference.size_diff for difference in after.compare_to(before, "filename"))
-    assert grown / looks < 5.0, "bytes for each look, 1.7 million of which are a day"
+    growth = sum(difference.size_diff for difference in after.compare_to(before, "filename"))
+    assert growth / looks < 5.0, "bytes for each look, 1.7 million of which are a day"
 
 
 def test_what_happens_to_the_hardware_while_it_stands_is_reported_once(service, robot):
     robot.chip.brown_out()
-    looked(service, robot, 60)
-    told = [text(m["said"]) for m in service.told if m["is"] == "event"]
-    assert len([text for text in told if "lost its supply" in text]) == 1
+    look_around(service, robot, 60)
+    texts = [text(m["said"]) for m in service.messages if m["is"] == "event"]
+    assert len([text for text in texts if "lost its supply" in text]) == 1
     assert service.machine.state is DoorState.READY

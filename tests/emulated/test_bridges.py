@@ -9,7 +9,7 @@ HOLD = DriveFlag.ARM | DriveFlag.BRAKE
 
 def settle(uno, **settings):
     uno.send(Settings(**settings))
-    assert uno.told(Settings, 0.5) == Settings(**settings)
+    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 @pytest.mark.parametrize("driver", list(Driver))

@@ -22,11 +22,11 @@ def shape(figure):
 
 def test_the_page_shows_what_doctor_says_of_an_uno(firmware):
     block = PAGE.partition("What step 5 says of an Uno that is well")[2].split("```")[1]
-    shown = [re.split(r"  +", line, maxsplit=2)[1:] for line in block.splitlines()[1:]]
+    rows = [re.split(r"  +", line, maxsplit=2)[1:] for line in block.splitlines()[1:]]
     with on_pty(firmware) as live:
         checks = list(uno_checks.uno(live.path, 0.0, seconds=0.3))
-    assert [name for name, _ in shown] == [check.name for check in checks]
-    for (_, figure), check in zip(shown[1:], checks[1:], strict=True):  # the first has the name of the line
+    assert [name for name, _ in rows] == [check.name for check in checks]
+    for (_, figure), check in zip(rows[1:], checks[1:], strict=True):  # the first has the name of the line
         assert shape(check.figure).startswith(shape(figure).removesuffix("…")), check.name
 
 
@@ -40,10 +40,10 @@ def test_the_lines_of_the_page_set_the_bridge_and_the_encoders_and_tell_what_is_
     with on_pty(firmware) as live:
         monkeypatch.setattr(serial_port, "find_port", lambda port: live.path)
         for line in lines:
-            with pytest.raises(SystemExit) as ended:
+            with pytest.raises(SystemExit) as exit_info:
                 main([*shlex.split(line, comments=True)[1:], *(["1"] if "--watch" in line else [])])
-            assert ended.value.code == 0
+            assert exit_info.value.code == 0
         with serial_port.connected() as uno:
-            kept = uno.settings()
-    assert (kept.driver, kept.encoders) == (Driver.TB6612, Encoders.QUADRATURE)
+            settings = uno.settings()
+    assert (settings.driver, settings.encoders) == (Driver.TB6612, Encoders.QUADRATURE)
     assert re.search(r"battery \d+\.\d\d V, counts left 0, right 0, marks 0", capsys.readouterr().err)

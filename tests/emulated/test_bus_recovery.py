@@ -15,7 +15,7 @@ from baqueano.drive import stop_of
 from baqueano.drive.recording import HARDWARE_SOURCE
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
-from tests.emulated.drives import drive, during, looked, spin
+from tests.emulated.drives import drive, during, look_around, spin
 from tests.emulated.pinctrl import on_path
 
 
@@ -24,12 +24,12 @@ def lines(tmp_path, monkeypatch):
     """`lines(bits)`: a chip on two lines."""
     monkeypatch.setattr(bus_recovery, "CALL_S", 60.0)
     monkeypatch.setattr(bus_recovery, "ALL_S", 600.0)
-    return lambda bits, **what: on_path(tmp_path, monkeypatch, bits, **what)
+    return lambda bits, **options: on_path(tmp_path, monkeypatch, bits, **options)
 
 
-def hold(robot, held):
+def hold(robot, pins):
     """From now on each transfer takes the time that the driver told the kernel, until the lines are free."""
-    robot.bus.held = held
+    robot.bus.sda_low = pins
     robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
 
 
@@ -41,28 +41,28 @@ def recoveries():
 def looked_on(service, robot, seconds):
     """As the service looks while idle; a recovery takes no time of the vehicle's."""
     for _ in range(round(seconds / 0.05)):
-        looked(service, robot, 1)
+        look_around(service, robot, 1)
         for thread in recoveries():
             thread.join()
 
 
 def last_state(service):
-    return [m for m in service.told if m["is"] == "state"][-1]
+    return [m for m in service.messages if m["is"] == "state"][-1]
 
 
 def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready_again(
     service, robot, lines
 ):
-    held, log, early = lines([]), [], []
+    pins, log, early = lines([]), [], []
     service.say = log.append
 
     def hangs():
-        held.put(bits=[0] * 5)
-        hold(robot, held)
+        pins.put(bits=[0] * 5)
+        hold(robot, pins)
 
     during(service, robot, 0.5, hangs)
-    watched = service.healthy
-    service.healthy = lambda: (watched(), early.extend(held.read()["calls"]))
+    healthy = service.healthy
+    service.healthy = lambda: (healthy(), early.extend(pins.read()["calls"]))
     done, run = drive(service, spin(3.0))
     service.healthy = lambda: None
     assert done["why"].code == StopReason.SENSOR_SILENT
@@ -71,12 +71,12 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
     assert early == [], "no pin is touched while it drives"
 
     looked_on(service, robot, 2.0)
-    (told,) = log
-    assert "in the middle of a byte: freed after 5 clocks" in told
-    assert told in [text(m["said"]) for m in service.told if m["is"] == "event"]
-    assert text(last_state(service)["imu_bus"]) == told
-    assert not held
-    assert held.read()["driven_high"] == 0
+    (message,) = log
+    assert "in the middle of a byte: freed after 5 clocks" in message
+    assert message in [text(m["said"]) for m in service.messages if m["is"] == "event"]
+    assert text(last_state(service)["imu_bus"]) == message
+    assert not pins
+    assert pins.read()["driven_high"] == 0
     assert not robot.imu.silent
     assert service.machine.state is DoorState.STOPPED, (
         "a stop is latched: somebody has to look at the vehicle"
@@ -89,9 +89,9 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
 
 
 def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(service, robot, lines):
-    held, states = lines([0] * 9), []
+    pins, states = lines([0] * 9), []
     service.healthy = lambda: states.append(service.machine.state)
-    hold(robot, held)
+    hold(robot, pins)
     looked_on(service, robot, 2.0)
     service.healthy = lambda: None
     assert [a for a, b in pairwise([*states, None]) if a is not b] == [
@@ -107,17 +107,17 @@ def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(ser
 def test_a_bus_that_cannot_be_freed_is_reported_once_tried_again_and_ready_once_it_is_free(
     service, robot, lines
 ):
-    held, log = lines([0] * 3, scl_held=True), []
+    pins, log = lines([0] * 3, scl_held=True), []
     service.say = log.append
-    hold(robot, held)
+    hold(robot, pins)
     looked_on(service, robot, 12.0)
-    assert len([call for call in held.read()["calls"] if call[0] == "get"]) == 2 * 3, "two looks, each 5 s"
+    assert len([call for call in pins.read()["calls"] if call[0] == "get"]) == 2 * 3, "two looks, each 5 s"
     assert log == ["SCL (GPIO 3) is stuck low, so clocks cannot free the bus."]
     state = last_state(service)
     assert state["state"] == "DISARMED"
     assert state["why"].code == StopReason.IMU_BUS_STILL_HELD
     assert state["why"].figures["cause"].code == "bus.scl-held"
-    held.put(bits=[], scl_held=False)
+    pins.put(bits=[], scl_held=False)
     looked_on(service, robot, 1.5)
     assert service.machine.state is DoorState.READY
 
@@ -127,21 +127,21 @@ def test_without_pinctrl_a_held_bus_is_reported_and_waited_for(service, robot, m
     hold(robot, True)
     looked_on(service, robot, 2.0)
     assert "sudo apt install raspi-utils" in text(last_state(service)["why"])
-    robot.bus.held = False
+    robot.bus.sda_low = False
     looked_on(service, robot, 1.5)
     assert service.machine.state is DoorState.READY
 
 
 def test_what_was_said_of_one_hold_is_not_reported_of_the_next(service, robot, lines):
-    held = lines([0] * 9)
-    hold(robot, held)
+    pins = lines([0] * 9)
+    hold(robot, pins)
     looked_on(service, robot, 2.0)
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
     looked_on(service, robot, 5.0)
-    told = len(service.told)
-    held.put(bits=[0] * 3)
+    count = len(service.messages)
+    pins.put(bits=[0] * 3)
     looked_on(service, robot, 2.0)
-    whys = {m["why"] for m in service.told[told:] if m["is"] == "state"} - {None}
+    whys = {m["why"] for m in service.messages[count:] if m["is"] == "state"} - {None}
     assert whys == {stop(StopReason.IMU_BUS_HELD)}
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 
@@ -157,11 +157,11 @@ def test_what_a_recovery_did_is_reported_until_the_next_drive(service, robot, li
 
 
 def test_a_bus_that_lets_go_by_itself_is_not_reported_to_be_held(service, robot, lines):
-    held = lines([0] * 3, scl_held=True)
-    hold(robot, held)
+    pins = lines([0] * 3, scl_held=True)
+    hold(robot, pins)
     looked_on(service, robot, 2.0)
     assert last_state(service)["imu_bus"].code == "bus.scl-held"
-    held.put(bits=[], scl_held=False)
+    pins.put(bits=[], scl_held=False)
     looked_on(service, robot, 1.5)
     assert service.machine.state is DoorState.READY
     assert last_state(service)["imu_bus"] is None

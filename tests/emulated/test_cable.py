@@ -24,7 +24,7 @@ PATIENCE_S = 60.0
 
 
 @pytest.fixture
-def plugged(firmware, tmp_path):
+def plugged_uno(firmware, tmp_path):
     """(the Uno, the name by which its line is known)."""
     with on_pty(firmware) as live:
         name = tmp_path / "uno"
@@ -39,8 +39,8 @@ def pull(live, name):
     tty.setraw(slave)
     os.set_blocking(master, False)
     with live.lock:
-        gone, live.master, live._slave = (live.master, live._slave), master, slave
-    for fd in gone:
+        old_ends, live.master, live._slave = (live.master, live._slave), master, slave
+    for fd in old_ends:
         os.close(fd)
 
 
@@ -51,7 +51,7 @@ def put_back(live, name):
     name.symlink_to(os.ttyname(live._slave))
 
 
-def looked(service, well):
+def look_until(service, well):
     """Looks as it does while idle, until `well()`."""
     end = time.monotonic() + PATIENCE_S
     while not well():
@@ -61,32 +61,32 @@ def looked(service, well):
 
 
 def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_once_it_was_cleared(
-    plugged, tmp_path, monkeypatch
+    plugged_uno, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("BAQUEANO_BACKEND", "numpy")
-    live, name = plugged
+    live, name = plugged_uno
     head, rest = vehicle_file.load("small").text.split("[sensors.imu]")
     file = vehicle_file.parse(
         (head + WHEELS + rest.split("[estimator]")[1]).replace("rate_hz = 100.0\n", "rate_hz = 50.0\n", 1),
         "wheels",
     )
-    told, ticks, pulled = [], [], []
+    messages, ticks, pulls = [], [], []
     with connected(str(name)) as uno:
-        service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), told.append)
+        service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), messages.append)
         (tmp_path / "runs").mkdir()
-        looked(service, lambda: service.machine.state is DoorState.READY)
+        look_until(service, lambda: service.machine.state is DoorState.READY)
 
         def healthy():
-            if service.machine.state is DoorState.MISSION and not pulled:
+            if service.machine.state is DoorState.MISSION and not pulls:
                 ticks.append(live.moving())
                 if not ticks[-1] and len(ticks) < 25:
                     return
-                pulled.append(pull(live, name))
+                pulls.append(pull(live, name))
 
         service.healthy = healthy
         service.take(spin(20.0, file=file), attended=False)
-        assert pulled
-        done = [m for m in told if m["is"] == "done"][-1]
+        assert pulls
+        done = [m for m in messages if m["is"] == "done"][-1]
         assert done["why"].code in (
             StopReason.UNO_SILENT,
             StopReason.UNO_DEAD_MAN,
@@ -99,7 +99,7 @@ def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_o
         assert read_run(tmp_path / "runs" / done["run"]).notes == ()
         put_back(live, name)
         service.operator.clear_requested = True
-        looked(service, lambda: service.machine.state is DoorState.READY)
+        look_until(service, lambda: service.machine.state is DoorState.READY)
         assert uno.statistics.resets == 1
         uno.arm()
         end = time.monotonic() + PATIENCE_S

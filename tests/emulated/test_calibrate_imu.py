@@ -31,7 +31,7 @@ def follows(hand, lift=0.3, turn=np.pi, roll=0.0):
     return say
 
 
-def found(robot, say):
+def calibration(robot, say):
     return calibrate_imu.calibrate(ImuReader(robot.imu, robot.wait, lambda: robot.now_ns), say)
 
 
@@ -40,19 +40,19 @@ def test_axes_and_biases_are_found_on_a_floor_that_slopes(robot):
     hand = Hand(
         robot, axes, slope=(0.02, -0.03), accel_bias=axes.T @ [0.11, -0.07, 0.2], gyro_bias=axes.T @ [0.01, 0.02, 0.03]
     )  # fmt: skip
-    mounted = found(robot, follows(hand))
-    assert mounted.axes == ON_EDGE.axes
-    assert mounted.slope_rad == pytest.approx(np.hypot(0.02, 0.03), abs=0.001)
-    assert mounted.turn_rad == pytest.approx(np.pi, abs=0.02)
-    assert mounted.lift_rad == pytest.approx(0.3, abs=0.03)
-    np.testing.assert_allclose(mounted.accel, [0.11, -0.07], atol=0.01)
-    assert mounted.gyro == pytest.approx(0.03, abs=5e-4)
+    mount = calibration(robot, follows(hand))
+    assert mount.axes == ON_EDGE.axes
+    assert mount.slope_rad == pytest.approx(np.hypot(0.02, 0.03), abs=0.001)
+    assert mount.turn_rad == pytest.approx(np.pi, abs=0.02)
+    assert mount.lift_rad == pytest.approx(0.3, abs=0.03)
+    np.testing.assert_allclose(mount.accel, [0.11, -0.07], atol=0.01)
+    assert mount.gyro == pytest.approx(0.03, abs=5e-4)
 
 
 def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
     file = vehicle_file.load("small")
-    mounted = found(robot, follows(Hand(robot, gyro_bias=(0.0, 0.0, -0.02), accel_bias=(0.3, 0.1, 0.0))))
-    values = mounted.values(file)
+    mount = calibration(robot, follows(Hand(robot, gyro_bias=(0.0, 0.0, -0.02), accel_bias=(0.3, 0.1, 0.0))))
+    values = mount.values(file)
     assert values["robot.imu_axes"] == ["x", "y", "z"]
     imu = file.with_values(values).sensors.imu
     np.testing.assert_allclose(
@@ -63,25 +63,25 @@ def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
 
 def test_a_turn_to_the_right_is_reported(robot):
     with pytest.raises(AnswerNo, match=r"turned by \d+° to the right"):
-        found(robot, follows(Hand(robot), turn=-np.pi))
+        calibration(robot, follows(Hand(robot), turn=-np.pi))
 
 
 def test_a_vehicle_that_nobody_lifts_is_waited_for_and_then_told(robot):
     Hand(robot)
     with pytest.raises(AnswerNo, match=r"lift of the front: the IMU measured nothing of this within 8 s"):
-        found(robot, lambda text: None)
+        calibration(robot, lambda text: None)
 
 
 def test_a_vehicle_that_is_carried_about_is_not_at_rest(robot):
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.8), (0.3 * np.sin(3e-9 * t_ns), 0.0, 0.0))
     with pytest.raises(AnswerNo, match=r"at rest: the vehicle moved during 8 s"):
-        found(robot, lambda text: None)
+        calibration(robot, lambda text: None)
 
 
 def test_an_imu_without_samples_is_reported(robot):
-    watched = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
+    reader = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
     with pytest.raises(AnswerNo, match=r"gave no sample in 1 s.*doctor"):
-        watched.samples(1.0)
+        reader.samples(1.0)
 
 
 def test_a_chip_that_lies_oblique_has_no_axis_that_points_up():

@@ -61,9 +61,9 @@ def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afte
     assert motors.verdict == "STRAIGHT"
     assert max(map(abs, motors.left_over)) < 0.02
     assert max(map(abs, motors.held_deg)) < 2.0
-    kept = robot.uno.settings(robot.wait)
-    assert kept == motors.settings
-    assert kept.battery_permille == 3127
+    settings = robot.uno.settings(robot.wait)
+    assert settings == motors.settings
+    assert settings.battery_permille == 3127
     robot.wait(0.5)
     assert not robot.board.moving
     before, x, y = robot.motion.eta[2], robot.motion.eta[0], robot.motion.eta[1]
@@ -94,11 +94,11 @@ def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robo
         before = robot.motion.eta[2]
         bench.hold(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
         free, before = robot.motion.eta[2] - before, robot.motion.eta[2]
-        told = calibrate_motors._heading_error(bench, sign, 3.3)
-        print(f"free {np.degrees(free):.1f}°, held {np.degrees(told):.1f}°")
+        turn = calibrate_motors._heading_error(bench, sign, 3.3)
+        print(f"free {np.degrees(free):.1f}°, held {np.degrees(turn):.1f}°")
         assert abs(free) > np.radians(20.0)
-        assert abs(told) < 0.4 * abs(free)
-        assert told == pytest.approx(robot.motion.eta[2] - before, abs=np.radians(2.0))
+        assert abs(turn) < 0.4 * abs(free)
+        assert turn == pytest.approx(robot.motion.eta[2] - before, abs=np.radians(2.0))
 
 
 def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(robot, bench):
@@ -112,8 +112,8 @@ def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(
 
 
 def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, bench, monkeypatch):
-    felt = robot.chip.motion
-    robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), felt(t_ns)[1])
+    motion = robot.chip.motion
+    robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), motion(t_ns)[1])
     bench.uno.arm()
     with pytest.raises(
         AnswerNo, match=r"a change of speed of 0\.\d+ m/s .* too little to distinguish ahead from back"
@@ -129,21 +129,23 @@ def test_an_imu_whose_axes_are_not_known_yet_is_sent_to_its_own_calibration(robo
 
 
 def test_a_vehicle_in_somebodys_hands_is_not_driven(robot, bench):
-    felt = robot.chip.motion
-    robot.chip.motion = lambda t_ns: (felt(t_ns)[0], (0.0, 0.0, np.sin(1e-8 * t_ns)))
+    motion = robot.chip.motion
+    robot.chip.motion = lambda t_ns: (motion(t_ns)[0], (0.0, 0.0, np.sin(1e-8 * t_ns)))
     with pytest.raises(AnswerNo, match="does not stand still with its motors off"):
         calibrate(bench)
 
 
-@pytest.mark.parametrize("what", ["imu", "uno"])
-def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench, what):
+@pytest.mark.parametrize("fault", ["imu", "uno"])
+def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench, fault):
     bench.uno.arm()
     bench.hold(0.6, -0.6, 0.2)
-    if what == "imu":
+    if fault == "imu":
         robot.chip.frozen = True
     else:
         robot.board.reset()
-    with pytest.raises(SafetyStop, match="the IMU does not answer" if what == "imu" else "the Uno was reset"):
+    with pytest.raises(
+        SafetyStop, match="the IMU does not answer" if fault == "imu" else "the Uno was reset"
+    ):
         bench.hold(0.6, -0.6, 5.0)
     robot.wait(0.05)
     assert not robot.board.moving
@@ -155,53 +157,53 @@ MINE = Settings(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("what", ["imu", "uno", "ctrl-c"])
-def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, bench, what):
+@pytest.mark.parametrize("end_by", ["imu", "uno", "ctrl-c"])
+def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, bench, end_by):
     robot.uno.keep(MINE, robot.wait)
-    said = []
+    texts = []
 
     def say(text):
-        said.append(text)
+        texts.append(text)
         if text.startswith("which motor"):
-            if what == "ctrl-c":
+            if end_by == "ctrl-c":
                 raise KeyboardInterrupt
-            robot.board.reset() if what == "uno" else setattr(robot.chip, "frozen", True)
+            robot.board.reset() if end_by == "uno" else setattr(robot.chip, "frozen", True)
 
-    with pytest.raises(KeyboardInterrupt if what == "ctrl-c" else SafetyStop):
+    with pytest.raises(KeyboardInterrupt if end_by == "ctrl-c" else SafetyStop):
         calibrate(bench, say)
     assert robot.uno.settings(robot.wait) == MINE
-    assert said[-1] == "the Uno keeps its old settings"
+    assert texts[-1] == "the Uno keeps its old settings"
     assert not robot.board.moving
 
 
 def test_an_uno_whose_cable_is_out_is_reported_as_half_calibrated_with_the_line_that_mends_it(robot, bench):
     robot.uno.keep(MINE, robot.wait)
-    said, line = [], (robot.write, robot.read)
+    texts, line = [], (robot.write, robot.read)
 
-    def pulled(data=b""):
+    def unplug(data=b""):
         raise OSError(5, "Input/output error")
 
     def say(text):
-        said.append(text)
+        texts.append(text)
         if text.startswith("which motor"):
-            robot.write = robot.read = pulled
+            robot.write = robot.read = unplug
 
     with pytest.raises(SafetyStop, match="the Uno does not answer: is its cable plugged in"):
         calibrate(bench, say)
     assert not robot.board.moving
-    assert "keeps settings of a calibration that was not finished" in said[-1]
+    assert "keeps settings of a calibration that was not finished" in texts[-1]
     robot.write, robot.read = line
     assert robot.uno.settings(robot.wait) != MINE
-    words = said[-1].partition("baqueano robot settings --defaults ")[2].split()
-    wanted: dict[str, list[str]] = {}
+    words = texts[-1].partition("baqueano robot settings --defaults ")[2].split()
+    expected: dict[str, list[str]] = {}
     for word in words:
         name, _, text = word.removeprefix("--").partition("=")
-        wanted.setdefault(name, []).append(text)
-    assert changed(Settings(), wanted) == MINE
+        expected.setdefault(name, []).append(text)
+    assert changed(Settings(), expected) == MINE
 
 
 def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
-    found = ways(
+    way_list = ways(
         (
             Sweep(0.4, 0.3, 10.0, 0.0),
             Sweep(0.4, 0.3, 8.0, 0.0),
@@ -209,9 +211,9 @@ def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
             Sweep(0.4, 0.2, 9.0, 0.0),
         )
     )
-    reach = [way.slope_permille * gain for way, gain in zip(found, (10.0, 8.0, 10.0, 9.0), strict=True)]
+    reach = [way.slope_permille * gain for way, gain in zip(way_list, (10.0, 8.0, 10.0, 9.0), strict=True)]
     np.testing.assert_allclose(reach, 0.7 * 8.0 * 1000, rtol=1e-3)
-    assert max(way.dead_zone_permille + way.slope_permille for way in found) == 1000
+    assert max(way.dead_zone_permille + way.slope_permille for way in way_list) == 1000
 
 
 def test_a_sweep_that_moved_nothing_is_reported():

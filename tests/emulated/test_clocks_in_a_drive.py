@@ -11,7 +11,7 @@ from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.runs.container import writer
-from tests.emulated.drives import drive, served, spin
+from tests.emulated.drives import drive, serve, spin
 from tests.emulated.robot import MS, EmulatedRobot
 
 WHEELS = (
@@ -56,7 +56,7 @@ def test_with_a_clock_that_is_off_a_circle_is_repeated_and_stamps_are_right(
         firmware, file, patches=monkeypatch, ppm=ppm, host_ppm=host_ppm, chip={"clock_ppm": -host_ppm}
     )
     robot.wait(0.1)
-    service = served(robot, file, tmp_path)
+    service = serve(robot, file, tmp_path)
     stamps = Stamps(service, robot, ppm, host_ppm, 2000)
     done, run = drive(service, packed(Mission("repeat", route=shapes.circle(0.4, 0.25)), file))
     robot.close()
@@ -87,16 +87,16 @@ def test_rt18_five_minutes_with_a_clock_that_is_fast_end_as_they_began_and_nothi
     file = vehicle_file.parse(text + "\n[robot]\ncounts_per_turn = 576.0\ntelemetry_hz = 50\n", "wheels")
     robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch, ppm=2000.0)
     robot.__class__, robot.imu = Bare, None
-    service = served(robot, file, tmp_path)
-    stamps, kept = Stamps(service, robot, 2000.0, 0.0, 16_000), {}
+    service = serve(robot, file, tmp_path)
+    stamps, marks = Stamps(service, robot, 2000.0, 0.0, 16_000), {}
 
     def look():
         stamps.look()
-        service.told.clear()
-        if stamps.n in (5000, 15_000) and stamps.n not in kept:
+        service.messages.clear()
+        if stamps.n in (5000, 15_000) and stamps.n not in marks:
             gc.collect()
             uno = robot.uno
-            kept[stamps.n] = (
+            marks[stamps.n] = (
                 len(uno.clock._answers),
                 len(uno._pings),
                 len(uno._telemetry),
@@ -111,6 +111,6 @@ def test_rt18_five_minutes_with_a_clock_that_is_fast_end_as_they_began_and_nothi
     late_ms, skew_error = stamps.after(20.0, file.rate_hz)
     assert late_ms < 1.5  # measured: 1.3, of which 1.0 is the 2 ms of Bare
     assert skew_error < 1e-4  # measured: 3e-5
-    (*counts, early), (*later, late) = kept[5000], kept[15_000]
+    (*counts, early), (*later, late) = marks[5000], marks[15_000]
     assert later == counts
     assert late - early < 5000, "blocks of memory: half a one for each of 10 000 ticks"  # measured: 2057

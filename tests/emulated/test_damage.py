@@ -39,7 +39,7 @@ def host_firmware(tmp_path_factory) -> Path:
     return program
 
 
-def counted(program: Path, seed: int, frames: int) -> dict[str, int]:
+def counts_of(program: Path, seed: int, frames: int) -> dict[str, int]:
     done = subprocess.run([program, str(seed), str(frames)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
@@ -50,14 +50,14 @@ def test_r18_fw4_of_a_million_damaged_frames_not_one_moves_a_motor(host_firmware
 
     Without the seal of a command (frames.py (4)) CRC-16 alone lets one through in two of three such runs.
     """
-    told = counted(host_firmware, 2026, 1_000_000)
-    assert told["frames"] == 1_000_000
-    assert told["driven"] == told["changed"] == told["eeprom_writes"] == 0
+    counts = counts_of(host_firmware, 2026, 1_000_000)
+    assert counts["frames"] == 1_000_000
+    assert counts["driven"] == counts["changed"] == counts["eeprom_writes"] == 0
 
 
-def long_run(damaged: int) -> bool:
+def long_run(damages: int) -> bool:
     """`LONG=1 make test-emulated`: as many as a minute of processor time allows."""
-    return time.process_time() > 60 and damaged % 100 == 0 and not print(f"{damaged} damaged frames")
+    return time.process_time() > 60 and damages % 100 == 0 and not print(f"{damages} damaged frames")
 
 
 def noisy(chance: random.Random, wire: bytes, share: float) -> bytes:
@@ -68,23 +68,23 @@ def noisy(chance: random.Random, wire: bytes, share: float) -> bytes:
 def test_r18_damaged_commands_move_nothing_and_are_counted(uno):
     chance = random.Random(8)
     uno.arm()
-    nonce, seq, damaged = uno.nonce(), uno.seq, 0
+    nonce, seq, damages = uno.nonce(), uno.seq, 0
     before = uno.info().bad_crc
     uno.forget_outputs()
     enough = long_run if os.environ.get("LONG") else lambda n: n == 3000
-    while not enough(damaged):
-        n = damaged
+    while not enough(damages):
+        n = damages
         clean = encode(Drive(nonce, 900, -900, DriveFlag.ARM), seq + 1 + n % 100)
         wire = bytearray(clean)
         for place in chance.sample(range(8, 8 * (len(wire) - 1)), chance.randint(1, 8)):
             wire[place // 8] ^= 1 << place % 8
         uno.run_until(uno.write(bytes(wire)))
-        damaged += 1
+        damages += 1
         if n % 100 == 99:
             seq += 1
             uno.run_until(uno.drive(0, 0, seq=seq) + 1e-3)
     assert uno.first_time(lambda out: any(out.pwm)) is None
-    assert (uno.info().bad_crc - before) & 0xFFFF >= min(damaged, 3000)  # counts mod 65 536
+    assert (uno.info().bad_crc - before) & 0xFFFF >= min(damages, 3000)  # counts mod 65 536
     uno.seq = seq
     uno.hold(900, -900, 0.1)
     assert uno.duty(0) == pytest.approx(0.9), "what is right is still obeyed"

@@ -32,7 +32,7 @@ def by_name(checks):
     return {check.name: check for check in checks}
 
 
-def counted(check):
+def counts_of(check):
     """Numbers of the frames to the Uno: sent, damaged, not obeyed, bytes lost, damaged earlier."""
     return [int(n) for n in re.findall(r"(?<![\d.])\d+(?![\d.])", check.figure)]
 
@@ -40,21 +40,21 @@ def counted(check):
 def test_an_uno_on_a_line_is_reported_with_its_figures(firmware):
     with on_pty(firmware) as live:
         for _ in range(5):  # a machine that stalls loses frames, too
-            found = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
-            if found["frames"].verdict == found["frames to the Uno"].verdict == "ok":
+            checks = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
+            if checks["frames"].verdict == checks["frames to the Uno"].verdict == "ok":
                 break
-    assert found["serial line"].figure == live.path
-    assert found["firmware"].verdict == "ok"
-    assert "ms, at most" in found["link round trip"].figure
-    assert " came, 0 lost, 0 damaged" in found["frames"].figure
-    sent, *rest = counted(found["frames to the Uno"])
-    assert sent >= 50, "half a second of commands"
+    assert checks["serial line"].figure == live.path
+    assert checks["firmware"].verdict == "ok"
+    assert "ms, at most" in checks["link round trip"].figure
+    assert " came, 0 lost, 0 damaged" in checks["frames"].figure
+    count_sent, *rest = counts_of(checks["frames to the Uno"])
+    assert count_sent >= 50, "half a second of commands"
     assert rest == [0, 0, 0, 0]
-    assert found["Uno's start"].verdict == "ok"
-    assert found["battery"].figure.startswith(("7.3", "7.4"))
-    assert found["motors"].figure == "not calibrated"
-    assert found["Uno's memory"].verdict == "ok"
-    assert int(found["Uno's memory"].figure.split()[0]) > 1000
+    assert checks["Uno's start"].verdict == "ok"
+    assert checks["battery"].figure.startswith(("7.3", "7.4"))
+    assert checks["motors"].figure == "not calibrated"
+    assert checks["Uno's memory"].verdict == "ok"
+    assert int(checks["Uno's memory"].figure.split()[0]) > 1000
 
 
 def test_an_uno_whose_memory_is_nearly_used_up_is_reported(robot):
@@ -68,42 +68,42 @@ def test_an_uno_that_was_asked_before_and_not_reset_obeys_who_asks_again(firmwar
     with on_pty(firmware) as live:
         for _ in range(5):
             list(uno_checks.uno(live.path, 0.0, seconds=0.6))
-            found = by_name(uno_checks.uno(live.path, 0.0, seconds=0.6))
-            if found["frames"].verdict == "ok":
+            checks = by_name(uno_checks.uno(live.path, 0.0, seconds=0.6))
+            if checks["frames"].verdict == "ok":
                 break
-    assert counted(found["frames to the Uno"])[1:] == [0, 0, 0, 0]
+    assert counts_of(checks["frames to the Uno"])[1:] == [0, 0, 0, 0]
 
 
 def test_a_well_robot_is_well(robot):
     robot.uno.keep(Settings(ways=(Way(300, 700, 0),) * 4), robot.wait)
-    found = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
-    assert {check.verdict for check in found.values()} == {"ok"}, found
+    checks = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    assert {check.verdict for check in checks.values()} == {"ok"}, checks
 
 
 def test_a_weak_battery_and_an_old_firmware_are_reported(robot):
     robot.board.set_battery(6.0)
     robot.wait(1.0)
     robot.uno.info = robot.uno.info._replace(version_major=0)
-    found = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
-    assert found["battery"][1:] == ("bad", found["battery"].figure, "Charge it")
-    assert found["firmware"].verdict == "warn"
-    assert "flash" in found["firmware"].remedy
+    checks = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    assert checks["battery"][1:] == ("bad", checks["battery"].figure, "Charge it")
+    assert checks["firmware"].verdict == "warn"
+    assert "flash" in checks["firmware"].remedy
 
 
 def test_a_line_that_loses_frames_is_reported(robot):
-    heard = robot.read
+    read_line = robot.read
     counts = []
 
     def lossy():
-        data = heard()
+        data = read_line()
         counts.append(data)
         return b"" if data and len(counts) % 10 == 0 else data
 
     robot.read = lossy
     robot.wait(2.0)
-    found = by_name(uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait))
-    assert found["frames"].verdict in ("warn", "bad")
-    assert "100 nF" in found["frames"].remedy
+    checks = by_name(uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait))
+    assert checks["frames"].verdict in ("warn", "bad")
+    assert "100 nF" in checks["frames"].remedy
 
 
 def looked_at(robot, seconds=2.0):
@@ -114,26 +114,30 @@ def looked_at(robot, seconds=2.0):
 
 
 def test_what_is_damaged_on_its_way_to_the_uno_is_counted_there_and_reported_here(robot):
-    line, there = BadLine(robot, seed=1), robot.board.info().bad_crc
+    line, bad_before = BadLine(robot, seed=1), robot.board.info().bad_crc
     line.noise = 0.001
     check = looked_at(robot, 8.0)["frames to the Uno"]
-    sent, damaged, *rest = counted(check)
-    assert sent >= 800
-    assert damaged / sent == pytest.approx(0.016, abs=0.008)  # 1 - 0.999¹⁶
-    assert 0 <= robot.board.info().bad_crc - there - damaged <= 1, "the last may be in no telemetry yet"
+    count_sent, count_damaged, *rest = counts_of(check)
+    assert count_sent >= 800
+    assert count_damaged / count_sent == pytest.approx(0.016, abs=0.008)  # 1 - 0.999¹⁶
+    assert 0 <= robot.board.info().bad_crc - bad_before - count_damaged <= 1, (
+        "the last may be in no telemetry yet"
+    )
     assert rest == [0, 0, 0]
-    assert f"({100 * damaged / sent:.1f} %)" in check.figure
+    assert f"({100 * count_damaged / count_sent:.1f} %)" in check.figure
     assert check.verdict == "warn"
     assert "100 nF" in check.remedy
     robot.uno.ask(AskInfo(), Info, robot.wait)
-    assert counted(looked_at(robot, 0.1)["frames to the Uno"])[-1] >= damaged, "those are of earlier now"
+    assert counts_of(looked_at(robot, 0.1)["frames to the Uno"])[-1] >= count_damaged, (
+        "those are of earlier now"
+    )
 
 
 def test_of_more_damaged_frames_than_a_byte_counts_none_is_forgotten(robot):
-    harmed = robot.write
-    robot.write = lambda data: harmed(data[:5] + bytes([data[5] ^ 1]) + data[6:])
+    write_line = robot.write
+    robot.write = lambda data: write_line(data[:5] + bytes([data[5] ^ 1]) + data[6:])
     uno_checks.commanded(robot.uno, 4.0, robot.wait)
-    robot.write = harmed
+    robot.write = write_line
     robot.wait(0.1)
     assert robot.uno.statistics.spoilt == robot.board.info().bad_crc > 400
 
@@ -141,7 +145,7 @@ def test_of_more_damaged_frames_than_a_byte_counts_none_is_forgotten(robot):
 def test_commands_that_come_whole_and_are_not_obeyed_are_reported_with_what_to_look_for(robot):
     whole, robot.write = robot.write, lambda data: (whole(data), whole(data))
     check = looked_at(robot, 0.5)["frames to the Uno"]
-    assert counted(check)[1:] == [0, 49, 0, 0], "each came twice; the last is in no telemetry yet"
+    assert counts_of(check)[1:] == [0, 49, 0, 0], "each came twice; the last is in no telemetry yet"
     assert check.verdict == "warn"
     assert "another program" in check.remedy
 
@@ -173,15 +177,15 @@ def test_an_uno_that_was_reset_meanwhile_has_no_name(robot):
 
 
 def test_the_imus_figures_are_those_of_the_chip(on_bus):
-    found = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait))
-    assert "MPU-6050" in found["IMU"].figure
-    assert found["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
-    assert found["IMU rate"].verdict == "ok"
-    assert found["IMU noise"].verdict == "ok"
-    assert found["IMU self-test"][1:3] == (
+    checks = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait))
+    assert "MPU-6050" in checks["IMU"].figure
+    assert checks["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
+    assert checks["IMU rate"].verdict == "ok"
+    assert checks["IMU noise"].verdict == "ok"
+    assert checks["IMU self-test"][1:3] == (
         "ok", "6 of 6 axes answer as at the factory, which says nothing of 0"
     )  # fmt: skip
-    assert "IMU scale" not in found
+    assert "IMU scale" not in checks
     on_bus.chip.self_test_error = -0.3
     weak = doctor.tested(on_bus.imu, on_bus.wait)
     assert weak.verdict == "warn"
@@ -193,12 +197,14 @@ def test_the_imus_rate_is_reported_as_well_as_it_is_known(tmp_path, monkeypatch)
     on_bus = OnBus(tmp_path, monkeypatch, clock_ppm=8_000)
     check = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 4.0))["IMU rate"]
     assert check.verdict == "ok"
-    rate, error, _, off, stamp_ms, failed, lost = map(float, re.findall(r"[-+]?\d+(?:\.\d+)?", check.figure))
+    rate, error, _, off, stamp_ms, count_failed, count_lost = map(
+        float, re.findall(r"[-+]?\d+(?:\.\d+)?", check.figure)
+    )
     assert abs(rate - 200 * 1.008) <= error + 0.01
     assert error < 0.5
     assert off == 0.8
     assert 0.0 < stamp_ms < 1.0
-    assert (failed, lost) == (0, 0)
+    assert (count_failed, count_lost) == (0, 0)
 
 
 def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
@@ -219,9 +225,9 @@ def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
 
 def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_reported(on_bus):
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 6.0 + t_ns % 7), (0.0, 0.0, 0.0))
-    found = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))
-    assert found["IMU noise"].verdict == "warn"
-    assert "moved during the self-test" in found["IMU self-test"].figure
+    checks = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))
+    assert checks["IMU noise"].verdict == "warn"
+    assert "moved during the self-test" in checks["IMU self-test"].figure
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 7.0), (0.0, 0.0, 0.0))
     on_bus.wait(0.2)
     assert by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))["IMU scale"].remedy == "Replace the IMU"

@@ -13,7 +13,7 @@ from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.robot.service.service import HANGING_S, PREPARING_S
-from tests.emulated.drives import drive, during, looked, spin
+from tests.emulated.drives import drive, during, look_around, spin
 
 PATIENCE_S = 60.0  # until what does not come counts as hung
 
@@ -21,26 +21,26 @@ PATIENCE_S = 60.0  # until what does not come counts as hung
 @pytest.fixture
 def door(service, tmp_path):
     """The door of the service."""
-    door, told = Door(tmp_path / "door", service.operator, service.folder), service.tell
-    service.tell = lambda message: (door.tell(message), told(message))
+    door, tell = Door(tmp_path / "door", service.operator, service.folder), service.tell
+    service.tell = lambda message: (door.tell(message), tell(message))
     yield door
     door.close()
 
 
-def asked(door, do):
+def answer_to(door, do):
     """What the door answers."""
     with socket.socket(socket.AF_UNIX) as line:
         line.settimeout(PATIENCE_S)
         line.connect(str(door.path))
         line.sendall(json.dumps({"do": do}).encode() + b"\n")
         with line.makefile("rb") as of:
-            return next(said for said in map(json.loads, of) if said["is"] != "state")
+            return next(message for message in map(json.loads, of) if message["is"] != "state")
 
 
 def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_moving(
     service, robot, door, tmp_path, monkeypatch
 ):
-    heard = []
+    messages = []
 
     def somebody_stops_it():
         with socket.socket(socket.AF_UNIX) as line:
@@ -48,22 +48,24 @@ def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_movin
             line.connect(str(door.path))
             line.sendall(b'{"do": "stop", "why": "it nears the stairs"}\n')
             with line.makefile("rb") as of:
-                heard.extend(json.loads(of.readline()) for _ in range(2))
+                messages.extend(json.loads(of.readline()) for _ in range(2))
 
     monkeypatch.setattr("builtins.somebody_stops_it", somebody_stops_it, raising=False)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text(
         "from baqueano.controllers import PdFeedforward\n\nsomebody_stops_it()  # a library that loads for long\n"
     )
-    looked(service, robot, 5)
-    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"})
-    done, run = drive(service, packed(what, vehicle_file.load("small")))
-    assert heard[0]["state"] == DoorState.MISSION
-    assert heard[1] == {"is": "heard", "do": "stop"}
+    look_around(service, robot, 5)
+    mission = Mission(
+        "repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"}
+    )
+    done, run = drive(service, packed(mission, vehicle_file.load("small")))
+    assert messages[0]["state"] == DoorState.MISSION
+    assert messages[1] == {"is": "heard", "do": "stop"}
     assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert run is None or not np.any(run.applied)
     assert not robot.board.moving
-    looked(service, robot, 2)
+    look_around(service, robot, 2)
     assert service.machine.state is DoorState.STOPPED
     assert service.machine.why == done["why"]
 
@@ -81,9 +83,9 @@ def test_what_is_not_a_mission_is_reported_and_ends_nothing(service, text):
 
 
 def test_a_run_is_reported_of_once_it_is_whole(service, robot, door):
-    seen = []
-    during(service, robot, 0.3, lambda: seen.append(asked(door, "runs")["runs"]))
+    folders = []
+    during(service, robot, 0.3, lambda: folders.append(answer_to(door, "runs")["runs"]))
     done, _ = drive(service, spin())
-    assert seen == [[]]
-    assert asked(door, "runs")["runs"] == [done["run"]]
-    assert [m["is"] for m in service.told][-2:] == ["state", "done"]  # whoever fetches it then finds it
+    assert folders == [[]]
+    assert answer_to(door, "runs")["runs"] == [done["run"]]
+    assert [m["is"] for m in service.messages][-2:] == ["state", "done"]  # whoever fetches it then finds it

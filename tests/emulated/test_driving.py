@@ -22,10 +22,10 @@ HAND_NS = 20_000_000  # between set-points, as door/remote.py sends them
 class Driver:
     """A cockpit, and the door between it and the service, in the time of the vehicle."""
 
-    def __init__(self, robot, service, terminal, **how):
+    def __init__(self, robot, service, terminal, **options):
         self.robot, self.service, self.terminal = robot, service, terminal
         self.cockpit = Cockpit(
-            np.array([1.0, 0.0, 1.0]), terminal, now=self.now, sleep=lambda s: self.wait(s), **how
+            np.array([1.0, 0.0, 1.0]), terminal, now=self.now, sleep=lambda s: self.wait(s), **options
         )
         self.begun_ns, self.said_ns, self.script = 0, 0, []
 
@@ -59,12 +59,12 @@ class Driver:
 
     def drives(self, *script):
         """The run of a drive in which these things are done at their times [s]."""
-        self.script = sorted(script, key=lambda what: what[0])
+        self.script = sorted(script, key=lambda step: step[0])
         self.service.operator.hold(self)
         self.service.healthy = self.each_tick
         with self.cockpit:
             self.service.take(packed(Mission("teach"), vehicle_file.load("small")), True)
-        done = [m for m in self.service.told if m["is"] == "done"][-1]
+        done = [m for m in self.service.messages if m["is"] == "done"][-1]
         return done, read_run(self.service.folder / done["run"])
 
 
@@ -72,16 +72,16 @@ class Driver:
 def driver(firmware, monkeypatch, tmp_path):
     robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
     robot.wait(0.1)
-    told = []
+    messages = []
     service = Service(
         robot.uno, robot.imu, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns),
-        told.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
+        messages.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
-    service.told = told
+    service.messages = messages
     for _ in range(5):
         service.idle()
         robot.wait(0.05)
-    yield lambda terminal, **how: Driver(robot, service, terminal, **how)
+    yield lambda terminal, **options: Driver(robot, service, terminal, **options)
     robot.close()
 
 
@@ -89,18 +89,18 @@ def driver(firmware, monkeypatch, tmp_path):
 def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched, phase_ms):
     terminal = Terminal(kitty=not latched, trip_s=0.03)
     at = driver(terminal, latched=latched)
-    gone = []
+    gone_ns = []
 
     def leave():
         terminal.there = False
-        gone.append(at.robot.now_ns)
+        gone_ns.append(at.robot.now_ns)
 
     keys = ["d"] * 12 if latched else ["d"]
     done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
     assert done["why"].code == StopReason.TERMINAL_SILENT
     assert at.service.machine.state is DoorState.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
-    after_ms = (moving - gone[0]) * 1e-6
+    after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the terminal")
     assert 200.0 < after_ms < 500.0
     assert not at.robot.board.moving
@@ -110,17 +110,17 @@ def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, la
 def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
     terminal = Terminal(kitty=True)
     at = driver(terminal)
-    gone = []
+    gone_ns = []
 
     def hang_up():
         terminal.ended = True
-        gone.append(at.robot.now_ns)
+        gone_ns.append(at.robot.now_ns)
 
     done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
     assert done["why"].code == StopReason.TERMINAL_CLOSED
     assert at.service.machine.state is DoorState.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
-    after_ms = (moving - gone[0]) * 1e-6
+    after_ms = (moving - gone_ns[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the hang-up")
     assert after_ms < 100.0
     assert not at.robot.board.moving
@@ -151,8 +151,8 @@ def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(dr
     moving = run.t_s[np.abs(run.applied[:, 2]) > 0.0]
     assert moving[0] == pytest.approx(0.3, abs=0.08)
     assert moving[-1] == pytest.approx(0.9, abs=0.12)
-    seen = [m for m in at.service.told if m["is"] == "state" and m.get("u")]
-    assert max(m["yaw_rate_rad_s"] for m in seen) > 0.5
+    states = [m for m in at.service.messages if m["is"] == "state" and m.get("u")]
+    assert max(m["yaw_rate_rad_s"] for m in states) > 0.5
 
 
 def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
@@ -176,7 +176,7 @@ def test_straight_on_is_held_and_a_turn_is_the_drivers_alone(driver):
     assert np.all(straight[:, 2] != 0.0)
     assert np.max(np.abs(straight[:, 2])) < 0.25
     assert np.all(turning[:, 2] == 0.8)
-    moving = [m for m in at.service.told if m["is"] == "state" and m.get("requested", (0.0,))[0]]
+    moving = [m for m in at.service.messages if m["is"] == "state" and m.get("requested", (0.0,))[0]]
     at.cockpit.status.requested = np.array([0.8, 0.0, 0.0])
     at.cockpit.show(moving[3])
     assert at.cockpit.status.hold == moving[3]["requested"][2] != 0.0

@@ -12,7 +12,7 @@ from baqueano.runs import read_run
 from tests.cli.test_driving import W_DOWN, Terminal
 from tests.emulated.test_processes import (  # noqa: F401
     PATIENCE_S,
-    ended,
+    end_of_drive,
     live,
     ready,
     service,
@@ -27,7 +27,7 @@ from tests.emulated.test_processes import (  # noqa: F401
 def screens(service, vehicle, live, tmp_path):  # noqa: F811
     """`screens()`: the terminal of a drive, 0.mcap, 1.mcap …, whose key W moves the motors."""
     _, door = service
-    opened = []
+    terminals = []
 
     def opens():
         end = time.monotonic() + 3.0 * PATIENCE_S
@@ -36,18 +36,18 @@ def screens(service, vehicle, live, tmp_path):  # noqa: F811
                 ready(remote)
             screen = Terminal(
                 tmp_path, "drive", "--robot", str(door), "--vehicle", str(vehicle.path), "--share", "0.9", "-o",
-                f"{len(opened)}.mcap", gone_s=GONE_S,
+                f"{len(terminals)}.mcap", gone_s=GONE_S,
             )  # fmt: skip
-            opened.append(screen)
+            terminals.append(screen)
             if screen.shows(rb"MANUAL", PATIENCE_S):
                 screen.type(W_DOWN)
                 if until(live.moving, PATIENCE_S / 4.0):
                     return screen
-            assert time.monotonic() < end, screen.heard[-2000:]
+            assert time.monotonic() < end, screen.output[-2000:]
             screen.close()
 
     yield opens
-    for screen in opened:
+    for screen in terminals:
         screen.close()
 
 
@@ -62,9 +62,9 @@ def test_a_key_drives_the_firmware_and_a_mark_is_in_the_run_that_comes_back(scre
             time.sleep(0.3)
             screen.type(b"\x1b[113u")
         code = screen.ends()
-        why, run = ended(service[1], tmp_path / "there")
-        assert code == 0 or (stalled(run, live.lost_s - lost_s) and time.monotonic() < end), why
-    assert re.search(rb"vehicle \d+ ms", screen.heard)
+        reason, run = end_of_drive(service[1], tmp_path / "there")
+        assert code == 0 or (stalled(run, live.lost_s - lost_s) and time.monotonic() < end), reason
+    assert re.search(rb"vehicle \d+ ms", screen.output)
     assert len(marks_of(run)) == 1
     back = max(tmp_path.glob("[0-9]*.mcap"), key=lambda path: int(path.stem))
     assert len(marks_of(read_run(back))) == 1

@@ -42,18 +42,18 @@ def repetition(folder, place, text, file):
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize(
-    ("end", "said"),
+    ("end", "message"),
     [
         ("sys.exit()", "SystemExit"), ("sys.exit('bye')", "SystemExit"), ("raise GeneratorExit", "GeneratorExit"),
         ("raise KeyboardInterrupt", "KeyboardInterrupt"), ("raise Odd", "Odd"),
     ],
 )  # fmt: skip
 def test_a_block_that_would_end_the_program_ends_its_mission_alone(
-    service, robot, tmp_path, place, end, said
+    service, robot, tmp_path, place, end, message
 ):
     done, run = drive(service, repetition(tmp_path, place, end, vehicle_file.load("small")))
     words = text(done["why"])
-    assert said in words
+    assert message in words
     assert "bye" in words or "bye" not in end
     assert f"mine.py line {PLACES[place]}" in words or f"mine.py:{PLACES[place]})" in words
     assert place == "top" or "Mine" in words
@@ -74,8 +74,10 @@ def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
         "import sys\nclass Mine:\n    @property\n    def laps(self):\n        sys.exit(2)\n\n    def init(self):\n"
         "        return 0\n\n    def step(self, state, estimate):\n        return state\n"
     )
-    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"})
-    done, _ = drive(service, packed(what, vehicle_file.load("small")))
+    mission = Mission(
+        "repeat", route=shapes.circle(0.4, 0.25), blocks={"guide": f"{tmp_path / 'mine.py'}:Mine"}
+    )
+    done, _ = drive(service, packed(mission, vehicle_file.load("small")))
     assert (done["why"].code, done["code"]) == ("block.raised-outside", 1)
     assert done["why"].figures == {"place": "mine.py line 5", "error": "SystemExit: 2"}
 

@@ -13,7 +13,7 @@ from tests.emulated.robot import world_of
 
 
 @pytest.fixture(scope="module")
-def known(firmware):
+def fitted_file(firmware):
     """The vehicle file that 40 s of commands and IMU give."""
     file = vehicle_file.load("small")
     u = excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3)
@@ -24,14 +24,14 @@ def known(firmware):
 
 
 @pytest.mark.parametrize("route", [sinuous_circle(0.5, 0.05, 5, 0.2), rectangle(1.0, 0.6, 0.2, 0.3)])
-def test_the_emulated_robot_keeps_its_speed_without_a_stutter(firmware, known, route):
+def test_the_emulated_robot_keeps_its_speed_without_a_stutter(firmware, fitted_file, route):
     world, ticking = world_of(firmware, vehicle_file.load("small"), seed=5)
-    run = repeat(known, route, world=world, ticking=ticking)
+    run = repeat(fitted_file, route, world=world, ticking=ticking)
     world.robot.close()
     going = run.reference.done < 1.0
     true = np.interp(run.reference.t_ns[going], run.truth.t_ns, run.truth.nu[:, 0])
-    kept = pace(run.reference.t_ns[going], true, run.reference.nu[going, 0])
-    assert kept.error < 0.05
-    assert kept.uneven < 0.03
-    assert share_at_limit(run.sent[going], limits_of(known.text)) == 0.0
+    evenness = pace(run.reference.t_ns[going], true, run.reference.nu[going, 0])
+    assert evenness.error < 0.05
+    assert evenness.uneven < 0.03
+    assert share_at_limit(run.sent[going], limits_of(fitted_file.text)) == 0.0
     assert sign_changes(run.t_ns[going], run.sent[going, 0]) == 0.0

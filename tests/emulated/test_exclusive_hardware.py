@@ -27,14 +27,14 @@ from tests.emulated.realtime import on_pty
 def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
     firmware, monkeypatch, in_chip_axes, axes
 ):
-    asked = []
+    calls = []
 
     class Chip:
         def close(self):
-            asked.append("closed")
+            calls.append("closed")
 
     def chip(bus, *, address, settings, say):
-        asked.append((bus, address, settings.axes, settings.accel_range_g))
+        calls.append((bus, address, settings.axes, settings.accel_range_g))
         return Chip()
 
     monkeypatch.setattr(imu, "open", chip)
@@ -44,7 +44,7 @@ def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
             assert bench.uno.info.protocol == 1
             assert bench.uno.settings().driver == 1
         assert not live.moving()
-    assert asked == [(1, 104, axes, 4), "closed"]
+    assert calls == [(1, 104, axes, 4), "closed"]
 
 
 def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeypatch):
@@ -53,10 +53,10 @@ def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeyp
         vehicle_file.load("small").robot, imu_bus=7.0, imu_address=105.0, imu_axes=("-y", "x", "z"),
         imu_accel_range_g=16.0, imu_gyro_range_dps=500.0, imu_filter=5.0,
     )  # fmt: skip
-    asked = []
+    calls = []
 
     def chip(bus, *, address, settings, say):
-        asked.append((bus, address, settings))
+        calls.append((bus, address, settings))
         raise RobotUnreachable("it is only looked at")
 
     monkeypatch.setattr(imu, "open", chip)
@@ -69,19 +69,19 @@ def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeyp
     with pytest.raises(RobotUnreachable):
         imu.of(hardware, print)
     settings = ImuSettings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
-    assert asked == [(7, 105, settings)] * 3
+    assert calls == [(7, 105, settings)] * 3
 
 
 def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_path, monkeypatch):
     """What `calibrate imu` writes is what the driver takes."""
     bus = OnBus(tmp_path, monkeypatch)
     bus.chip.motion = lambda t_ns: ((0.0, -1.0, 9.8), (0.0, 0.0, 0.3))
-    turned = imu.open(
+    turned_imu = imu.open(
         str(tmp_path / "i2c-1"), settings=ImuSettings(axes=("-y", "x", "z")), say=None,
         now_ns=lambda: bus.now_ns, sleep=bus.wait,
     )  # fmt: skip
     bus.wait(0.1)
-    sample = turned.read()[-1]
+    sample = turned_imu.read()[-1]
     assert sample.accel[0] == pytest.approx(1.0, abs=0.2)
     assert sample.gyro[2] == pytest.approx(0.3, abs=0.05)
 
@@ -117,25 +117,25 @@ class Calibrating:
             self.process.kill()
 
 
-@pytest.mark.parametrize("how", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
-def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_what_it_kept(firmware, how):
-    mine = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
+@pytest.mark.parametrize("end_by", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
+def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_what_it_kept(firmware, end_by):
+    settings = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
     with on_pty(firmware) as live:
         with connected(live.path) as uno:
-            uno.keep(mine)
+            uno.keep(settings)
         work = Calibrating(live)
         try:
             work.lets_go()
-            if how == "ssh ends":
+            if end_by == "ssh ends":
                 work.process.stdin.close()
-            elif how != "Wi-Fi ends":
-                work.process.send_signal(how)
+            elif end_by != "Wi-Fi ends":
+                work.process.send_signal(end_by)
             output = work.process.stderr.read().decode()
             assert work.process.wait(60.0) == 130
         finally:
             work.close()
         assert not live.moving()
         assert "the Uno keeps its old settings" in output
-        assert ("the connection to the user is gone" in output) == (how in ("ssh ends", "Wi-Fi ends"))
+        assert ("the connection to the user is gone" in output) == (end_by in ("ssh ends", "Wi-Fi ends"))
         with connected(live.path) as uno:
-            assert uno.settings() == mine
+            assert uno.settings() == settings

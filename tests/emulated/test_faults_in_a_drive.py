@@ -22,7 +22,7 @@ from baqueano.robot.uno.frames import ResetCause
 from baqueano.runs import read_run
 from baqueano.runs.container.writer import SYNC_S
 from tests.emulated.bad_line import BadLine
-from tests.emulated.drives import TEACHER, drive, during, looked, served, spin
+from tests.emulated.drives import TEACHER, drive, during, look_around, serve, spin
 from tests.emulated.robot import EmulatedRobot
 
 CIRCLE = shapes.circle(0.4, 0.25)  # 10 s
@@ -31,17 +31,17 @@ CIRCLE = shapes.circle(0.4, 0.25)  # 10 s
 @pytest.fixture
 def vehicle(firmware, monkeypatch, tmp_path):
     """`vehicle(settings, …)`: a service on a robot; the options are those of EmulatedRobot."""
-    made = []
+    robots = []
 
     def make(*settings, **options):
         file = vehicle_file.override(vehicle_file.load("small"), settings)
         robot = EmulatedRobot(firmware, file, patches=monkeypatch, **options)
-        made.append(robot)
+        robots.append(robot)
         robot.wait(0.1)
-        return robot, served(robot, file, tmp_path)
+        return robot, serve(robot, file, tmp_path)
 
     yield make
-    for robot in made:
+    for robot in robots:
         robot.close()
 
 
@@ -51,7 +51,7 @@ def last(run, source):
     return event
 
 
-def counted(run):
+def counts_of(run):
     """Numbers of the line: sent, unsent, heard, lost, late, damaged, resets."""
     return [n for n in last(run, LINE_SOURCE).diagnostic.figures.values() if isinstance(n, int)]
 
@@ -67,13 +67,13 @@ def end(robot, run):
     return np.hypot(*(robot.motion.eta[:2] - run.reference.eta[-1, :2]))
 
 
-def cleared(service, robot):
+def clear_stop(service, robot):
     """Somebody has looked at it and says so."""
     assert service.machine.state is DoorState.STOPPED
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "it is latched"
     service.operator.clear_requested = True
-    looked(service, robot, 20)
+    look_around(service, robot, 20)
     return service.machine.state is DoorState.READY
 
 
@@ -94,45 +94,47 @@ def test_a_pulled_cable_stops_it_and_when_it_is_back_it_drives_again(vehicle, re
     assert run.notes == ()
     assert run.duration_s == pytest.approx(2.1, abs=0.05), "a second of it after the stop"
     assert last(run, LINE_SOURCE).level == "warning"
-    assert counted(run)[1] > 100, "commands that could not be sent"
+    assert counts_of(run)[1] > 100, "commands that could not be sent"
     robot.wait(5.0)
     line.gone = False
     if reset:
         robot.board.reset(ResetCause.EXTERNAL)
     robot.uno.reopened()  # as the listening thread says
-    assert cleared(service, robot)
+    assert clear_stop(service, robot)
     done, run = drive(service, spin(0.5))
     assert done["why"] is None
-    assert counted(run)[1] == 0
+    assert counts_of(run)[1] == 0
 
 
 @pytest.mark.parametrize(
-    ("noise", "twice", "swapped"), [(0.05, 0.0, 0.0), (0.0, 0.1, 0.1)], ids=["noise", "order"]
+    ("noise", "twice", "pins_swapped"), [(0.05, 0.0, 0.0), (0.0, 0.1, 0.1)], ids=["noise", "order"]
 )
-def test_it_repeats_a_circle_over_a_line_that_harms_what_passes(vehicle, noise, twice, swapped):
+def test_it_repeats_a_circle_over_a_line_that_harms_what_passes(vehicle, noise, twice, pins_swapped):
     robot, service = vehicle()
     line = BadLine(robot, seed=3)
 
     def begins():
-        line.noise, line.twice, line.swapped = noise, twice, swapped
+        line.noise, line.twice, line.swapped = noise, twice, pins_swapped
 
     during(service, robot, 0.1, begins)
     done, run = drive(service, packed(Mission("repeat", route=CIRCLE), vehicle_file.load("small")))
     assert done["why"] is None
     assert across(run) < 0.1
     assert end(robot, run) < (0.2 if noise else 0.1), "where it really is; 0.04 m over a line that is well"
-    _, unsent, heard, lost, late, damaged, resets = counted(run)
+    _, unsent, count_received, count_lost, late, count_damaged, resets = counts_of(run)
     assert (unsent, resets) == (0, 0)
     assert last(run, LINE_SOURCE).level == "warning"
     if noise:
-        assert lost / (heard + lost) == pytest.approx(0.9, abs=0.03)  # 46 bytes are whole with 0.95⁴⁶ = 9 %
-        assert damaged > 800
+        assert count_lost / (count_received + count_lost) == pytest.approx(
+            0.9, abs=0.03
+        )  # 46 bytes are whole with 0.95⁴⁶ = 9 %
+        assert count_damaged > 800
     else:
-        assert late / heard == pytest.approx(0.18, abs=0.04)
-        assert lost / heard == pytest.approx(0.09, abs=0.03), (
+        assert late / count_received == pytest.approx(0.18, abs=0.04)
+        assert count_lost / count_received == pytest.approx(0.09, abs=0.03), (
             "one of each swapped pair was not there in its turn"
         )
-        assert damaged == 0
+        assert count_damaged == 0
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])
@@ -143,15 +145,20 @@ def test_a_run_ends_with_what_the_uno_itself_counted_of_what_was_sent_to_it(vehi
     line.noise = noise
     done, run = drive(service, spin(5.0))
     assert done["why"] is None
-    told = last(run, UNO_SOURCE)
-    n = told.diagnostic.figures
-    sent, damaged, ignored, lost = n["written"], n["spoilt"], n["ignored"], n["overrun"]
-    assert sent > 500
-    assert 0 <= robot.board.info().bad_crc - before.bad_crc - damaged <= 1
-    assert damaged / sent == pytest.approx(16 * noise, abs=0.6 * 16 * noise)
-    assert (ignored, lost) == (0, 0)
-    assert told.level == ("warning" if noise else "info")
-    assert told.diagnostic in [m["said"] for m in service.told if m["is"] == "event"], (
+    event = last(run, UNO_SOURCE)
+    n = event.diagnostic.figures
+    count_sent, count_damaged, count_ignored, count_lost = (
+        n["written"],
+        n["spoilt"],
+        n["ignored"],
+        n["overrun"],
+    )
+    assert count_sent > 500
+    assert 0 <= robot.board.info().bad_crc - before.bad_crc - count_damaged <= 1
+    assert count_damaged / count_sent == pytest.approx(16 * noise, abs=0.6 * 16 * noise)
+    assert (count_ignored, count_lost) == (0, 0)
+    assert event.level == ("warning" if noise else "info")
+    assert event.diagnostic in [m["said"] for m in service.messages if m["is"] == "event"], (
         "whoever listens hears it"
     )
 
@@ -160,17 +167,17 @@ def test_a_mission_whose_arming_is_lost_drives_as_one_whose_arming_came(vehicle)
     robot, service = vehicle()
     arm, write = service.uno.arm, robot.write
 
-    def lost():
+    def lose_arming():
         robot.write = lambda data: None
         arm()
         robot.write = write
 
-    service.uno.arm = lost
+    service.uno.arm = lose_arming
     done, run = drive(service, spin())
     assert done["why"] is None
     assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
-    ignored = last(run, UNO_SOURCE).diagnostic.figures["ignored"]
-    assert 1 <= ignored <= 4, "the run tells of the commands that came before it was armed"
+    count_ignored = last(run, UNO_SOURCE).diagnostic.figures["ignored"]
+    assert 1 <= count_ignored <= 4, "the run tells of the commands that came before it was armed"
 
 
 def test_a_mission_that_an_uno_never_hears_is_not_a_success(vehicle):
@@ -189,8 +196,8 @@ def test_a_mission_that_an_uno_never_hears_is_not_a_success(vehicle):
     assert robot.board.first_time(lambda out: any(out.pwm)) is None
 
 
-@pytest.mark.parametrize("harmed", [False, True])
-def test_a_run_ends_with_what_the_imu_itself_counted(vehicle, harmed):
+@pytest.mark.parametrize("line_harmed", [False, True])
+def test_a_run_ends_with_what_the_imu_itself_counted(vehicle, line_harmed):
     """An axis that is at its end for less than a tenth of a second is no event of its own."""
     robot, service = vehicle()
 
@@ -198,17 +205,17 @@ def test_a_run_ends_with_what_the_imu_itself_counted(vehicle, harmed):
         robot.bus.fail(errno.EREMOTEIO, 1)
         robot.chip.saturate(2)
 
-    if harmed:
+    if line_harmed:
         during(service, robot, 0.95, brief)
     done, run = drive(service, spin(1.0))
     assert done["why"] is None
     assert [e.text for e in run.events if e.source == HARDWARE_SOURCE] == []
-    told = last(run, IMU_SOURCE)
-    counts = dict(told.diagnostic.figures)
+    event = last(run, IMU_SOURCE)
+    counts = dict(event.diagnostic.figures)
     assert counts.pop("samples") == pytest.approx(200, abs=5)
-    harm = {"saturated": pytest.approx(10, abs=3), "retries": 1} if harmed else {}
+    harm = {"saturated": pytest.approx(10, abs=3), "retries": 1} if line_harmed else {}
     assert counts == dict.fromkeys(counts, 0) | harm
-    assert told.level == ("warning" if harmed else "info")
+    assert event.level == ("warning" if line_harmed else "info")
 
 
 ACCIDENTS = {  # what happens, motors off within [s], what the run says
@@ -221,7 +228,7 @@ ACCIDENTS = {  # what happens, motors off within [s], what the run says
 
 @pytest.mark.parametrize("accident", ACCIDENTS)
 def test_fw7_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle, accident):
-    act, within_s, says = ACCIDENTS[accident]
+    act, within_s, beginning = ACCIDENTS[accident]
     robot, service = vehicle()
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), act(robot.board)))
@@ -232,8 +239,8 @@ def test_fw7_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle,
     assert robot.board.off_since() - at_s[0] <= within_s
     figures = last(run, LINE_SOURCE).diagnostic.figures
     assert (figures["resets"], figures["cause"].code) == (1, StopReason.UNO_RESET)
-    assert figures["cause"].figures["cause"].startswith(says)
-    assert cleared(service, robot)
+    assert figures["cause"].figures["cause"].startswith(beginning)
+    assert clear_stop(service, robot)
 
 
 def test_a_battery_that_sags_while_motors_start_is_gone_through(vehicle):
@@ -263,7 +270,7 @@ def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(vehicle)
 
 def hold(robot):
     """SDA is low from now on: each transfer takes the time that the driver told the kernel."""
-    robot.bus.held = True
+    robot.bus.sda_low = True
     robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
 
 
@@ -276,8 +283,8 @@ def test_a_held_bus_stops_the_drive_and_when_it_is_free_it_can_be_cleared(vehicl
     assert robot.board.off_since() - at_s[0] <= 0.56  # imu_timeout_s = 0.5
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert last(run, CLOCK_SOURCE).level == "warning", "each look at the bus took 40 ms, four ticks"
-    robot.bus.held = False
-    assert cleared(service, robot)
+    robot.bus.sda_low = False
+    assert clear_stop(service, robot)
 
 
 @pytest.mark.parametrize("accident", ["its supply", "single transfers"])
@@ -295,31 +302,31 @@ def test_rt6_an_imu_that_is_gone_for_less_than_half_a_second_is_gone_through(veh
     assert done["why"] is None
     gap_s = np.max(np.diff(run.sensors["imu"].t_ns)) / 1e9
     assert gap_s < 0.5
-    told = [e.text for e in run.events if e.source == HARDWARE_SOURCE]
-    assert any("lost its supply" in text for text in told) == (accident == "its supply")
+    texts = [e.text for e in run.events if e.source == HARDWARE_SOURCE]
+    assert any("lost its supply" in text for text in texts) == (accident == "its supply")
 
 
 def test_a_clone_imu_with_a_slow_clock_is_taught_and_repeats(vehicle):
     file = vehicle_file.load("small")
     robot, service = vehicle(chip={"who_am_i": 0x98, "clock_ppm": -40_000})
-    done, taught = drive(service, packed(Mission("teach", route=CIRCLE), file))
+    done, lesson = drive(service, packed(Mission("teach", route=CIRCLE), file))
     assert done["why"] is None
-    assert "IMU: ICM-20689 (WHO_AM_I 0x98)" in [e.text for e in taught.events]
+    assert "IMU: ICM-20689 (WHO_AM_I 0x98)" in [e.text for e in lesson.events]
     robot.put_back()
-    done, run = drive(service, packed(Mission("repeat", route=route_of(taught, closed=True)), file))
+    done, run = drive(service, packed(Mission("repeat", route=route_of(lesson, closed=True)), file))
     assert done["why"] is None
     assert across(run) < 0.1
     assert end(robot, run) < 0.1
 
 
-@pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "is stopped"])
-def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, stopped):
+@pytest.mark.parametrize("with_stop", [False, True], ids=["goes on", "is stopped"])
+def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, with_stop):
     """The disk is one of RLIMIT_FSIZE: the system itself refuses to write more."""
     import resource
 
     robot, service = vehicle()
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    moved = []
+    motions = []
 
     def fills_up():
         time.sleep(2.0 * SYNC_S)  # what was driven by now is on the disk
@@ -331,8 +338,8 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehic
         for thread in threading.enumerate():
             if thread.name == "run writer":
                 thread.join(30.0)  # the vehicle is faster than its disk here
-        moved.append(robot.board.moving)
-        if stopped:
+        motions.append(robot.board.moving)
+        if with_stop:
             service.operator.stop(TEACHER)
 
     during(service, robot, 2.0, fills_up)
@@ -340,16 +347,16 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehic
         service.take(spin(7.0), False)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    done = service.told[-1]
-    assert (done["code"], done["why"]) == (0, TEACHER if stopped else None)
-    assert service.machine.state is (DoorState.STOPPED if stopped else DoorState.READY)
-    texts = [text(m["said"]) for m in service.told if m["is"] == "event"]
+    done = service.messages[-1]
+    assert (done["code"], done["why"]) == (0, TEACHER if with_stop else None)
+    assert service.machine.state is (DoorState.STOPPED if with_stop else DoorState.READY)
+    texts = [text(m["said"]) for m in service.messages if m["is"] == "event"]
     assert (
         texts[0]
         == "the disk is full, so the rest of this run is not stored (File too large); the drive goes on"
     )
     assert "The earlier part is complete" in texts[-1]
-    assert moved == [True], "it turned on while nothing was written"
+    assert motions == [True], "it turned on while nothing was written"
     run = read_run(service.folder / done["run"])
     assert 1.5 < run.duration_s < 5.5
     assert run.notes[0].code == "run.not-closed"

@@ -29,9 +29,9 @@ def first_state(path: str, seconds: float) -> State | None:
     try:
         while time.monotonic() < end:
             if select.select([port], [], [], 0.1)[0]:
-                for received in decoder.feed(os.read(port, 4096)):
-                    if isinstance(received.frame, State):
-                        return received.frame
+                for frame_received in decoder.feed(os.read(port, 4096)):
+                    if isinstance(frame_received.frame, State):
+                        return frame_received.frame
     finally:
         os.close(port)
     return None
@@ -57,24 +57,24 @@ def test_r28_avrdude_writes_and_verifies_the_firmware_and_it_starts(firmware, op
 def test_r6_a_hang_is_reported_through_the_boot_loader_which_hides_its_cause(new_uno, optiboot):
     """Optiboot of the Uno clears MCUSR; what tells is the count of ticks in RAM that it leaves alone."""
     uno = new_uno(boot_loader=optiboot)
-    first = uno.told(Info, 3.0)
+    first = uno.next_frame(Info, 3.0)
     assert not first.reset_cause & (ResetCause.HUNG | ResetCause.WATCHDOG)
     uno.hold(700, 700, 0.2)
     hung = uno.t_s
     uno.hang()
     uno.run(0.15)
     assert uno.off_since() - hung <= 0.15
-    again = uno.info()
-    assert again.reset_cause == ResetCause.WARM | ResetCause.HUNG
-    assert again.nonce != first.nonce
+    after = uno.info()
+    assert after.reset_cause == ResetCause.WARM | ResetCause.HUNG
+    assert after.nonce != first.nonce
 
 
 def test_r1_motors_are_off_while_the_boot_loader_runs(new_uno, optiboot):
     uno = new_uno(boot_loader=optiboot)
-    uno.told(Info, 3.0)
+    uno.next_frame(Info, 3.0)
     uno.hold(700, 700, 0.2)
     uno.reset()
     reset = uno.t_s
-    uno.told(Info, 3.0)
+    uno.next_frame(Info, 3.0)
     assert uno.t_s - reset > 0.5, "the second that it waits for a programmer"
     assert uno.first_time(lambda out: any(out.pwm), after_s=reset + 1e-6) is None

@@ -26,17 +26,17 @@ def test_su3_the_packages_firmware_is_what_the_sources_build_to(firmware):
 
 
 def test_r28_the_verb_writes_it_and_tells_the_version(firmware, optiboot):
-    said = []
+    texts = []
     with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
-        done = flash(live.path, say=said.append)
-        written = program(shipped())
+        done = flash(live.path, say=texts.append)
+        program_written = program(shipped())
         with live.lock:
-            assert live.uno.flash(0, len(written)) == written
-    assert done.bytes == len(written)
+            assert live.uno.flash(0, len(program_written)) == program_written
+    assert done.bytes == len(program_written)
     assert done.version.startswith("1.")
     assert "bytes written and read back" in done.table()
-    assert f"writing {len(written)} bytes" in said[0]
+    assert f"writing {len(program_written)} bytes" in texts[0]
 
 
 def test_the_bytes_of_a_hex_file_are_those_that_the_emulator_loads(firmware):

@@ -13,7 +13,7 @@ import pytest
 from baqueano.door import VERSION
 from baqueano.door.remote import reached
 from baqueano.drive.mission import Mission, packed
-from benchmarks.door import FLOODING, MOST_STOP_MS, flooded
+from benchmarks.door import FLOODING, MOST_STOP_MS, flood
 from benchmarks.processes import before_others
 from tests.emulated.onboard import running
 from tests.emulated.test_processes import PATIENCE_S, ready, until
@@ -26,18 +26,18 @@ TICKS_MS = 20.0  # a stop waits for the next tick, and its command for the line
 @contextmanager
 def moving(service):
     """Somebody at the door of a vehicle that moves; it begins again where the machine stalls before."""
-    what = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
-    mission, begun = packed(what, service.file).json(), False
+    experiment = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
+    mission, under_way = packed(experiment, service.file).json(), False
     for _ in range(5):
         with reached(str(service.door)) as remote:
             ready(remote)
             remote.say(do="mission", door=VERSION, mission=mission, attended=False)
-            begun = until(service.live.moving, PATIENCE_S / 4.0)
-            if begun:
+            under_way = until(service.live.moving, PATIENCE_S / 4.0)
+            if under_way:
                 yield remote
                 return
             remote.say(do="stop", why="it does not move")
-    assert begun
+    assert under_way
 
 
 def off_ms(remote, live):
@@ -58,7 +58,7 @@ def test_rt15_a_stop_under_the_flood_of_five_turns_the_motors_off_within_50_ms(f
         for _ in range(ROUNDS):
             with moving(service) as remote:
                 quiet.append(off_ms(remote, service.live))
-            with moving(service) as remote, flooded(service.door, FLOODING):
+            with moving(service) as remote, flood(service.door, FLOODING):
                 assert service.live.moving()
                 loud.append(off_ms(remote, service.live))
     print(f"motors off after {median(quiet):.0f} ms, {median(loud):.0f} ms flooded (at most {max(loud):.0f})")

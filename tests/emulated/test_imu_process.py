@@ -109,7 +109,7 @@ class Client:
         self._process = subprocess.Popen(
             [sys.executable, "-c", CLIENT], env=environment, stdin=-1, stdout=-1, stderr=-1, text=True
         )
-        self.seen: list[str] = []
+        self.events: list[str] = []
         self._lines: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._listen, daemon=True).start()
 
@@ -121,12 +121,12 @@ class Client:
     def wait_for(self, kind: str, count: int = 0) -> dict:
         """The next event of this kind (with so many samples)."""
         while line := self._lines.get(timeout=PATIENCE_S):
-            said = json.loads(line)
-            self.seen.append(said["event"])
-            if said["event"] == kind and said.get("count", 0) >= count:
-                return said
+            message = json.loads(line)
+            self.events.append(message["event"])
+            if message["event"] == kind and message.get("count", 0) >= count:
+                return message
         raise AssertionError(
-            f"ended before '{kind}', after {self.seen}: {self._process.stderr.read()[-3000:]}"
+            f"ended before '{kind}', after {self.events}: {self._process.stderr.read()[-3000:]}"
         )
 
     def stop(self) -> dict:
@@ -153,15 +153,15 @@ class Client:
 
 @pytest.fixture
 def machine():
-    made: list[Machine] = []
+    machines: list[Machine] = []
 
     def make(**chip) -> Machine:
-        made.append(Machine(**chip))
-        return made[-1]
+        machines.append(Machine(**chip))
+        return machines[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for device in machines:
+        device.close()
 
 
 def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_file(machine):
@@ -170,14 +170,14 @@ def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_fi
     assert client.wait_for("open")["chip"] == "ICM-20689"
     client.wait_for("samples", 500)
     result = client.stop()
-    taken = np.array(m.order("taken"))
+    sample_times = np.array(m.order("taken"))
     times = np.array(result["t"])
     assert result["rate"] == pytest.approx(192.0, abs=result["rate_error"] + 0.01)
     assert np.all(np.diff(times) > 0)
-    if result["restarts"] == 0 and "imu.overflow" not in client.seen:
-        span = taken[(taken > times[0] - 6e6) & (taken < times[-1] + 6e6)]
+    if result["restarts"] == 0 and "imu.overflow" not in client.events:
+        span = sample_times[(sample_times > times[0] - 6e6) & (sample_times < times[-1] + 6e6)]
         assert abs(len(span) - len(times)) <= 3
-    error = np.min(np.abs(taken[None, :] - times[200:, None]), axis=1)
+    error = np.min(np.abs(sample_times[None, :] - times[200:, None]), axis=1)
     assert np.median(error) < 0.8e6, (
         "ns, where chance would give 1.3: both sides have the clock of this machine"
     )
@@ -231,11 +231,11 @@ def test_i2c_tools_see_the_chip(machine):
 
 def test_a_wrong_address_is_error_121_in_smbus2(machine):
     code = "import smbus2; smbus2.SMBus(1).read_byte_data(0x55, 0x75)"
-    said = machine().run(sys.executable, "-c", code).stderr
-    assert "[Errno 121] Remote I/O error" in said
+    errors = machine().run(sys.executable, "-c", code).stderr
+    assert "[Errno 121] Remote I/O error" in errors
 
 
 def test_a_sleeping_machine_without_a_chip_is_reported_in_one_paragraph(machine):
     code = "from baqueano.robot.imu import driver as imu; imu.open(1, address=0x69)"
-    said = machine().run(sys.executable, "-c", code).stderr
-    assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in said
+    errors = machine().run(sys.executable, "-c", code).stderr
+    assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in errors

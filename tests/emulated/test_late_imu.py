@@ -17,11 +17,11 @@ from baqueano.messages import text
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.service.service import AGAIN_S, FINDING_S, HANGING_S, Service
-from tests.emulated.drives import drive, looked, spin
+from tests.emulated.drives import drive, look_around, spin
 
 
 @pytest.fixture
-def found(robot):
+def open_imu(robot):
     """Opens its IMU as the service does."""
     return partial(
         imu_driver.open, robot.imu.device.path, settings=ImuSettings(accel_range_g=4), say=None,
@@ -30,27 +30,27 @@ def found(robot):
 
 
 @pytest.fixture
-def service(robot, found, tmp_path):
+def service(robot, open_imu, tmp_path):
     """One whose IMU did not answer at the start."""
-    told, said = [], []
+    messages, texts = [], []
     service: Any = Service(
-        robot.uno, None, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns), told.append,
-        now_ns=lambda: robot.now_ns, sleep=robot.wait, say=said.append, find_imu=found,
+        robot.uno, None, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns), messages.append,
+        now_ns=lambda: robot.now_ns, sleep=robot.wait, say=texts.append, find_imu=open_imu,
     )  # fmt: skip
-    service.told, service.said = told, said
+    service.messages, service.texts = messages, texts
     return service
 
 
 def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by_hand(service, robot):
     chip = robot.bus.devices.pop(0x68)
-    looked(service, robot, 300)
+    look_around(service, robot, 300)
     assert service.machine.state is DoorState.DISARMED
     assert service.machine.why.code == StopReason.IMU_ABSENT
     assert text(service.machine.why).startswith("no IMU: No IMU answers at 0x68")
-    assert [m["why"] for m in service.told if m["is"] == "state"][-1] == service.machine.why
-    assert service.said == [text(service.machine.why)], "told once, however often it was looked for"
-    for what in (spin(), packed(Mission("teach"), vehicle_file.load("small"))):
-        done, run = drive(service, what)
+    assert [m["why"] for m in service.messages if m["is"] == "state"][-1] == service.machine.why
+    assert service.texts == [text(service.machine.why)], "told once, however often it was looked for"
+    for mission in (spin(), packed(Mission("teach"), vehicle_file.load("small"))):
+        done, run = drive(service, mission)
         assert "no IMU" in text(done["why"])
         assert run is None
     robot.bus.devices[0x68] = chip
@@ -58,13 +58,13 @@ def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_n
 
 def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, robot):
     chip = robot.bus.devices.pop(0x68)
-    looked(service, robot, 20)
+    look_around(service, robot, 20)
     assert service.machine.state is DoorState.DISARMED
     robot.bus.devices[0x68] = chip
-    looked(service, robot, round((AGAIN_S + 1.0) * 20))
+    look_around(service, robot, round((AGAIN_S + 1.0) * 20))
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
-    assert service.said[1:] == ["the IMU answers now"]
-    assert service.said == [text(m["said"]) for m in service.told if m["is"] == "event"]
+    assert service.texts[1:] == ["the IMU answers now"]
+    assert service.texts == [text(m["said"]) for m in service.messages if m["is"] == "event"]
     done, run = drive(service, spin())
     assert done["why"] is None
     assert len(run.sensors["imu"].t_ns) > 90
@@ -82,5 +82,5 @@ def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service,
 
 def test_a_vehicle_whose_file_has_no_imu_is_ready_without(service, robot):
     service.find_imu = None
-    looked(service, robot, 3)
+    look_around(service, robot, 3)
     assert service.machine.state is DoorState.READY

@@ -17,13 +17,13 @@ def hold(robot, left, right, seconds, step_s=0.01):
         robot.wait(step_s)
 
 
-@pytest.mark.parametrize("lost", [100, 127, 200, 255])
-def test_commands_are_lost_on_the_line_and_the_next_one_moves_the_motors(robot, lost):
+@pytest.mark.parametrize("first_lost", [100, 127, 200, 255])
+def test_commands_are_lost_on_the_line_and_the_next_one_moves_the_motors(robot, first_lost):
     """The firmware takes a number for old that is 128 to 255 ahead; telemetry tells where to go on."""
     robot.uno.arm()
     hold(robot, 0.4, 0.4, 0.2)
     robot.write = lambda data: None
-    hold(robot, 0.4, 0.4, 0.01 * lost)
+    hold(robot, 0.4, 0.4, 0.01 * first_lost)
     assert not robot.board.moving
     del robot.write
     robot.uno.drive(0.4, 0.4)
@@ -56,7 +56,7 @@ def test_an_uno_that_hears_nothing_from_arming_on_is_a_trouble(robot):
     assert robot.uno.trouble.code == StopReason.UNO_DEAF
 
 
-def driven(robot, file, u, act, path=None):
+def drive_robot(robot, file, u, act, path=None):
     """The run of an experiment; `act(t_s)` is called at its start with the time of the board."""
     world = EmulatedWorld(robot, file)
 
@@ -81,12 +81,12 @@ def test_an_encoder_that_falls_silent_is_reported_in_the_run_once_for_each_time(
     def left_alone(start_s):
         robot.board.encoder(0, 1500, start_s, start_s + 2.8)
 
-    run = driven(robot, file, np.concatenate([ahead, pause, ahead]), left_alone)
-    told = [e for e in run.events if e.source == "hardware"]
-    assert len(told) == 2
-    assert all(e.text.startswith("the right encoder counts nothing, although") for e in told)
-    assert told[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
-    assert told[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
+    run = drive_robot(robot, file, np.concatenate([ahead, pause, ahead]), left_alone)
+    events = [e for e in run.events if e.source == "hardware"]
+    assert len(events) == 2
+    assert all(e.text.startswith("the right encoder counts nothing, although") for e in events)
+    assert events[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
+    assert events[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
 
 
 def test_a_reset_is_not_a_speed_of_a_wheel_and_no_line_on_the_floor(robot):
@@ -126,9 +126,9 @@ def test_a_reset_is_not_a_speed_of_a_wheel_and_no_line_on_the_floor(robot):
 def test_encoders_of_which_nothing_is_wired_are_reported_in_one_sentence(robot):
     file = vehicle_file.load("small")
     robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
-    run = driven(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
-    (told,) = hardware(run)
-    assert told.startswith(
+    run = drive_robot(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
+    (text,) = hardware(run)
+    assert text.startswith(
         "both encoders count nothing, although both motors have a high command. Does that wheel turn?"
     )
 
@@ -146,7 +146,7 @@ def test_a_line_on_the_floor_has_the_time_at_which_the_firmware_saw_its_edge(rob
             robot.board.set_mark(False, start_s + edge + 0.03)
 
     u = np.tile([0.4, 0.0, 0.0], (180, 1))
-    mark = driven(robot, file, u, strips, path and tmp_path / path).sensors["mark"]
+    mark = drive_robot(robot, file, u, strips, path and tmp_path / path).sensors["mark"]
     np.testing.assert_allclose(1e-9 * mark.t_ns, edges, atol=2e-3)
     late_s = 1e-9 * (mark.arrival_ns - mark.t_ns)
     assert late_s.min() > 0.0

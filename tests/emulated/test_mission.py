@@ -15,14 +15,14 @@ from tests.emulated.robot import world_of
 @pytest.fixture
 def world(firmware):
     """Options of a drive on the emulated vehicle."""
-    made = []
+    worlds = []
 
     def make(seed=0):
-        made.append(world_of(firmware, vehicle_file.load("small"), seed=seed))
-        return dict(zip(("world", "ticking"), made[-1], strict=True))
+        worlds.append(world_of(firmware, vehicle_file.load("small"), seed=seed))
+        return dict(zip(("world", "ticking"), worlds[-1], strict=True))
 
     yield make
-    for world, _ in made:
+    for world, _ in worlds:
         world.robot.close()
 
 
@@ -36,11 +36,11 @@ def test_an_unfitted_vehicle_is_known_after_forty_seconds_and_repeats_what_it_wa
     run = experiment(file, excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3), **world())
     fit = identify([run], file)
     assert fit.verdict in ("USABLE", "WARN")
-    known = fit.vehicle_file
-    assert known.value("model.actuator_matrix[0,0]") == pytest.approx(3.38, rel=0.06)
-    assert known.value("model.actuator_matrix[2,2]") == pytest.approx(0.203, rel=0.06)
-    taught = teach(known, shapes.circle(0.5, 0.25), closed=True, **world(1))
-    (errors,) = compare(repeat(known, taught.route, **world(2))).rows()
+    fitted_file = fit.vehicle_file
+    assert fitted_file.value("model.actuator_matrix[0,0]") == pytest.approx(3.38, rel=0.06)
+    assert fitted_file.value("model.actuator_matrix[2,2]") == pytest.approx(0.203, rel=0.06)
+    lesson = teach(fitted_file, shapes.circle(0.5, 0.25), closed=True, **world(1))
+    (errors,) = compare(repeat(fitted_file, lesson.route, **world(2))).rows()
     assert errors["across_true_rms_m"] < 0.08
 
 

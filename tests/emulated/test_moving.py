@@ -12,7 +12,7 @@ from baqueano.robot.uno.frames import Config, DriveFlag, Settings, State, StateF
 def settle(uno, **settings):
     """Stores settings and waits until they are."""
     uno.send(Settings(**settings))
-    assert uno.told(Settings, 0.5) == Settings(**settings)
+    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 def duties(uno, after_s=0.0):
@@ -32,10 +32,10 @@ def test_r3_a_command_reaches_the_pins_within_5_ms(uno):
     for n in range(200):
         uno.run(chance.uniform(0.01, 0.03))
         uno.forget_outputs()
-        sent = uno.t_s
+        sent_s = uno.t_s
         uno.drive(200 + 50 * (n % 2), 0)
         uno.run(0.006)
-        took.append(duties(uno, sent)[0][0] - sent)
+        took.append(duties(uno, sent_s)[0][0] - sent_s)
     took.sort()
     assert took[197] <= 0.005, f"p99 {took[197] * 1e3:.2f} ms"
     assert took[-1] <= 0.005
@@ -45,11 +45,11 @@ def test_r3_a_command_reaches_the_pins_within_5_ms(uno):
 def test_r7_fw4_the_request_follows_at_the_configured_slew(uno, slew):
     uno.run_until(uno.send(Config(slew_permille_per_ms=slew)))
     uno.arm()
-    sent = uno.drive(600, -600)
+    sent_s = uno.drive(600, -600)
     for _ in range(round(650 / slew / 20) + 2):
         uno.run(0.02)
         uno.drive(600, -600)
-    steps = [row for row in duties(uno, sent - 1e-3) if row[1] or row[2]]
+    steps = [row for row in duties(uno, sent_s - 1e-3) if row[1] or row[2]]
     left = [row[1] for row in steps if row[1]]
     rises = [b - a for a, b in zip([0.0, *left], left, strict=False)]
     assert max(rises) <= slew + 1, "the timer holds a duty to 1 / 1600"
@@ -70,9 +70,9 @@ def test_r8_a_reversal_goes_through_zero_and_rests_there(uno, pwm_hz):
     for before, after in itertools.pairwise(rows):
         for k in range(2):
             assert before.inputs[k] == after.inputs[k] or not (before.pwm[k] and after.pwm[k])
-    stopped = next(out.t_s for out in rows if not out.pwm[0])
-    started = next(out.t_s for out in rows if out.t_s > stopped and out.pwm[0])
-    assert started - stopped >= 2e-3 + 1 / pwm_hz - 1e-4
+    stop_s = next(out.t_s for out in rows if not out.pwm[0])
+    start_s = next(out.t_s for out in rows if out.t_s > stop_s and out.pwm[0])
+    assert start_s - stop_s >= 2e-3 + 1 / pwm_hz - 1e-4
     assert uno.duty(0) == pytest.approx(-0.9, abs=1e-3)
 
 
@@ -109,13 +109,13 @@ def test_r10_a_wheel_that_starts_gets_its_kick_for_its_time(uno):
         uno.arm()
         uno.run(0.02)
         uno.forget_outputs()
-        sent = uno.t_s
+        sent_s = uno.t_s
         uno.drive(200 * sign, 200 * sign)
         uno.run(0.05)
-        rows = [row for row in duties(uno, sent) if row[1]]
+        rows = [row for row in duties(uno, sent_s) if row[1]]
         assert rows[0][1] == pytest.approx(kicks[0], abs=1)
-        ended = next(row[0] for row in rows if abs(row[1]) < 201)
-        assert ended - rows[0][0] == pytest.approx(0.015, abs=2e-4)
+        end_s = next(row[0] for row in rows if abs(row[1]) < 201)
+        assert end_s - rows[0][0] == pytest.approx(0.015, abs=2e-4)
         assert {round(row[2]) for row in rows if row[2]} == {kicks[1]}, "less than the duty is no kick"
         uno.drive(0, 0)
         uno.run(0.05)
@@ -168,9 +168,9 @@ def test_r12_telemetry_tells_the_duty_at_the_pins_and_its_sum(uno):
         uno.drive(chance.randint(-1000, 1000), chance.randint(-1000, 1000))
         uno.run(chance.uniform(0.005, 0.04))
     uno.frames()
-    told = [r.frame for _, r in uno.transcript[first:] if isinstance(r.frame, State)]
+    states = [r.frame for _, r in uno.transcript[first:] if isinstance(r.frame, State)]
     rows = duties(uno)
-    assert len(told) > 150
+    assert len(states) > 150
     times, sums = sums_of(rows)
 
     def at(t_s):
@@ -178,14 +178,14 @@ def test_r12_telemetry_tells_the_duty_at_the_pins_and_its_sum(uno):
         k = bisect.bisect_right(times, t_s) - 1
         return rows[k][1:], [sums[k][c] + rows[k][1 + c] * (t_s - times[k]) for c in range(2)]
 
-    for state in told[1:-1]:
+    for state in states[1:-1]:
         duty, _ = at(state.t_us * 1e-6 + uno.clock_began_s)
         assert (state.left_permille, state.right_permille) == pytest.approx(duty, abs=1.0)
-    for one, two in zip(told[1:], told[40:], strict=False):
-        start, end = (s.t_us * 1e-6 + uno.clock_began_s for s in (one, two))
+    for early, two in zip(states[1:], states[40:], strict=False):
+        start, end = (s.t_us * 1e-6 + uno.clock_began_s for s in (early, two))
         before, after = at(start)[1], at(end)[1]
         for column, name in enumerate(("left_sum", "right_sum")):
-            mean = (getattr(two, name) - getattr(one, name)) / ((end - start) * 1e3)
+            mean = (getattr(two, name) - getattr(early, name)) / ((end - start) * 1e3)
             assert mean == pytest.approx((after[column] - before[column]) / (end - start), abs=8.0)
 
 

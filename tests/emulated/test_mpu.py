@@ -31,7 +31,7 @@ def write(chip, register, *values):
     chip.transfer([(False, bytes((register, *values)))])
 
 
-def read(chip, register, count=1):
+def read_register(chip, register, count=1):
     return chip.transfer([(False, bytes([register])), (True, count)])[0]
 
 
@@ -42,9 +42,9 @@ def awake(chip):
 
 def test_it_sleeps_after_power_on_and_samples_nothing(chip):
     chip.run_until(500 * MS)
-    assert read(chip, PWR) == b"\x40"
-    assert read(chip, 0x75) == b"\x68"
-    assert read(chip, 0x3B, 14) == bytes(14)
+    assert read_register(chip, PWR) == b"\x40"
+    assert read_register(chip, 0x75) == b"\x68"
+    assert read_register(chip, 0x3B, 14) == bytes(14)
     assert chip.taken == []
 
 
@@ -54,24 +54,24 @@ def test_a_reset_restores_the_registers_and_loses_writes_for_100_ms(chip):
     chip.run_until(99 * MS)
     write(chip, DIV, 9)
     assert chip.lost_writes == 1
-    assert read(chip, PWR)[0] == 0x40
-    assert read(chip, DIV) == b"\x00"
+    assert read_register(chip, PWR)[0] == 0x40
+    assert read_register(chip, DIV) == b"\x00"
     chip.run_until(100 * MS)
     write(chip, DIV, 9)
-    assert read(chip, DIV) == b"\x09"
+    assert read_register(chip, DIV) == b"\x09"
 
 
 def test_the_pointer_goes_on_by_itself_except_at_the_fifo(chip):
     write(chip, DIV, 1, 2, 8, 16)
-    assert read(chip, DIV, 4) == bytes([1, 2, 8, 16])
+    assert read_register(chip, DIV, 4) == bytes([1, 2, 8, 16])
     awake(chip)
     write(chip, FIFO_EN, 0xF8)
     write(chip, USER, 0x40)
     chip.run_until(50 * MS)
-    held = read(chip, COUNT, 2)
-    assert held == len(chip.fifo).to_bytes(2, "big")
+    count = read_register(chip, COUNT, 2)
+    assert count == len(chip.fifo).to_bytes(2, "big")
     before = len(chip.fifo)
-    read(chip, FIFO, 28)
+    read_register(chip, FIFO, 28)
     assert len(chip.fifo) == before - 28
 
 
@@ -80,7 +80,7 @@ def test_an_empty_fifo_repeats_its_last_byte(chip):
     write(chip, FIFO_EN, 0xF8)
     write(chip, USER, 0x40)
     chip.run_until(6 * MS)
-    data = read(chip, FIFO, 20)
+    data = read_register(chip, FIFO, 20)
     assert data[14:] == data[13:14] * 6
 
 
@@ -93,7 +93,7 @@ def test_fifo_reset_is_ignored_while_the_fifo_is_on(chip):
     assert len(chip.fifo) > 0
     write(chip, USER, 0x04)
     assert len(chip.fifo) == 0
-    assert read(chip, USER) == b"\x00", "the bit clears itself"
+    assert read_register(chip, USER) == b"\x00", "the bit clears itself"
 
 
 def test_a_full_fifo_keeps_the_newest_bytes_and_says_so(chip):
@@ -101,7 +101,7 @@ def test_a_full_fifo_keeps_the_newest_bytes_and_says_so(chip):
     write(chip, FIFO_EN, 0xF8)
     write(chip, USER, 0x40)
     chip.run_until(1000 * MS)
-    assert read(chip, INT_STATUS)[0] & 0x10
+    assert read_register(chip, INT_STATUS)[0] & 0x10
     assert len(chip.fifo) == 1024
     assert bytes(chip.fifo)[-14:] == bytes(chip.regs[0x3B:0x49])
 
@@ -112,9 +112,9 @@ def test_only_the_enabled_sensors_enter_the_fifo(chip):
         write(chip, FIFO_EN, bits)
         write(chip, USER, 0x04)
         write(chip, USER, 0x40)
-        taken = len(chip.taken)
+        count_taken = len(chip.taken)
         chip.run_until(chip.t_ns + 20 * MS)
-        assert len(chip.fifo) == size * (len(chip.taken) - taken)
+        assert len(chip.fifo) == size * (len(chip.taken) - count_taken)
 
 
 def test_data_ready_is_reported_once_and_raises_the_interrupt_only_where_it_is_enabled(chip):
@@ -123,8 +123,8 @@ def test_data_ready_is_reported_once_and_raises_the_interrupt_only_where_it_is_e
     assert not chip.interrupt
     write(chip, INT_ENABLE, 1)
     assert chip.interrupt
-    assert read(chip, INT_STATUS)[0] & 1
-    assert read(chip, INT_STATUS)[0] & 1 == 0
+    assert read_register(chip, INT_STATUS)[0] & 1
+    assert read_register(chip, INT_STATUS)[0] & 1 == 0
     assert not chip.interrupt
     chip.run_until(26 * MS)
     assert chip.interrupt
@@ -144,7 +144,10 @@ def test_numbers_follow_the_ranges():
     for setting in range(4):
         write(chip, 0x1B, setting << 3, setting << 3)
         chip.run_until(chip.t_ns + 100 * MS)
-        words = [int.from_bytes(read(chip, 0x3B, 14)[i : i + 2], "big", signed=True) for i in range(0, 14, 2)]
+        words = [
+            int.from_bytes(read_register(chip, 0x3B, 14)[i : i + 2], "big", signed=True)
+            for i in range(0, 14, 2)
+        ]
         assert words[2] == 16384 >> setting
         assert words[6] == pytest.approx(math.degrees(2.0) * (131.0, 65.5, 32.8, 16.4)[setting], abs=1)
         assert words[3] / 340 + 36.53 == pytest.approx(chip.temperature_c, abs=0.01)
@@ -154,7 +157,7 @@ def test_an_axis_beyond_its_range_stays_at_its_end():
     chip = MpuEmulator(lambda t: ((50.0, -50.0, 0.0), (0.0, 0.0, 0.0)), noise=0.0)
     awake(chip)
     chip.run_until(100 * MS)
-    assert read(chip, 0x3B, 4) == b"\x7f\xff\x80\x00"
+    assert read_register(chip, 0x3B, 4) == b"\x7f\xff\x80\x00"
 
 
 def test_a_sine_comes_out_weaker_the_narrower_the_filter():
@@ -169,7 +172,7 @@ def test_a_sine_comes_out_weaker_the_narrower_the_filter():
         peak = 0
         for n in range(300, 600):
             chip.run_until(n * MS)
-            peak = max(peak, int.from_bytes(read(chip, 0x3B, 2), "big", signed=True))
+            peak = max(peak, int.from_bytes(read_register(chip, 0x3B, 2), "big", signed=True))
         sizes.append(peak / 16384 * STANDARD_GRAVITY)
     lag = [1.0 / math.sqrt(1.0 + (20.0 / width) ** 2) for width in (184.0, 44.0, 21.0)]
     assert sizes == pytest.approx(lag, abs=0.03)
@@ -183,7 +186,7 @@ def test_noise_at_the_default_filter_is_that_of_the_data_sheet():
     rows = []
     for n in range(100, 4100):
         chip.run_until(n * MS)
-        data = read(chip, 0x3B, 14)
+        data = read_register(chip, 0x3B, 14)
         rows.append(
             (int.from_bytes(data[:2], "big", signed=True), int.from_bytes(data[8:10], "big", signed=True))
         )
@@ -210,7 +213,7 @@ def test_two_chips_of_one_seed_say_the_same():
 @pytest.mark.parametrize("who_am_i", sorted(CLONES))
 def test_a_clone_tells_its_id_and_has_its_own_fifo(who_am_i):
     chip = MpuEmulator(who_am_i=who_am_i)
-    assert read(chip, 0x75)[0] == who_am_i
+    assert read_register(chip, 0x75)[0] == who_am_i
     awake(chip)
     write(chip, FIFO_EN, 0xF8)
     write(chip, USER, 0x40)
@@ -230,7 +233,7 @@ def test_a_bus_spends_its_time_and_its_timeout(chip):
     bus = EmulatedBus({0x68: chip}, spent.append)
     bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
     assert spent[-1] == pytest.approx(0.39e6, rel=0.03), "ns; 156 bits at 400 kHz"
-    bus.held = True
+    bus.sda_low = True
     with pytest.raises(OSError, match="timed out"):
         bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
     assert spent[-1] == 1_000_000_000
@@ -246,6 +249,6 @@ def test_a_file_that_is_not_an_emulated_bus_is_left_to_the_kernel(monkeypatch, t
     from tests.emulated.i2c_ioctl import Bench
 
     Bench(monkeypatch, tmp_path)
-    with (tmp_path / "other").open("w") as other, pytest.raises(OSError, match="ioctl") as refused:
-        fcntl.ioctl(other.fileno(), I2C_SLAVE, 0x68)
-    assert refused.value.errno == errno.ENOTTY
+    with (tmp_path / "other").open("w") as stream, pytest.raises(OSError, match="ioctl") as error_info:
+        fcntl.ioctl(stream.fileno(), I2C_SLAVE, 0x68)
+    assert error_info.value.errno == errno.ENOTTY

@@ -18,7 +18,7 @@ from baqueano.guides.shapes import circle
 from benchmarks.onboard import BOOT_S, MOST_MB, Figures
 from tests.emulated.onboard import running
 from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401
-from tests.emulated.test_processes import driven, taken
+from tests.emulated.test_processes import drive_whole, perform_mission
 
 WATCHED = Path(__file__).with_name("watched.py")
 NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
@@ -30,9 +30,9 @@ NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
 
 @pytest.mark.parametrize("backend", ["c", "python"])
 def test_the_start_waits_for_nothing_of_a_laptop_and_no_tick_for_an_import(firmware, tmp_path, backend):
-    told = tmp_path / "watched.jsonl"
-    watched = {"WATCHED": str(told), "BAQUEANO_BACKEND": backend}
-    with running(firmware, tmp_path, (sys.executable, str(WATCHED)), watched) as service:
+    log = tmp_path / "watched.jsonl"
+    environment = {"WATCHED": str(log), "BAQUEANO_BACKEND": backend}
+    with running(firmware, tmp_path, (sys.executable, str(WATCHED)), environment) as service:
         ring = circle(0.05, 0.2)
         missions = [
             Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (100, 1))),
@@ -47,9 +47,9 @@ def test_the_start_waits_for_nothing_of_a_laptop_and_no_tick_for_an_import(firmw
                     remote.say(do="stop", why="enough was seen")
 
             for mission in missions:
-                what = packed(mission, service.file)
-                taken(remote, what, tmp_path / f"{mission.kind}.mcap", progress=enough)
-    at_ready, *drives = map(json.loads, told.read_text(encoding="utf-8").splitlines())
+                packed_mission = packed(mission, service.file)
+                perform_mission(remote, packed_mission, tmp_path / f"{mission.kind}.mcap", progress=enough)
+    at_ready, *drives = map(json.loads, log.read_text(encoding="utf-8").splitlines())
     assert "baqueano.drive.session" in at_ready["ready"]
     assert not set(NOT_AT_THE_START) & set(at_ready["ready"])
     assert len(drives) == len(missions)
@@ -64,9 +64,9 @@ def test_only_the_loop_and_the_ear_of_the_uno_have_their_priority(firmware, tmp_
         idle = policies(service)
         with reached(str(service.door)) as remote:
             driving = []
-            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             path = tmp_path / "run.mcap"
-            taken(remote, what, path, progress=lambda t_s: driving.append(policies(service)))
+            perform_mission(remote, mission, path, progress=lambda t_s: driving.append(policies(service)))
     most = max(driving, key=len)
     assert idle == [os.SCHED_OTHER] + [os.SCHED_FIFO] * 2  # the door
     assert most == [os.SCHED_OTHER] * 2 + [os.SCHED_FIFO] * 2  # the door and the run's writer
@@ -74,24 +74,24 @@ def test_only_the_loop_and_the_ear_of_the_uno_have_their_priority(firmware, tmp_
 
 def policies(service):
     """The policies of its threads; one may end meanwhile."""
-    found = []
+    policies = []
     for task in Path(f"/proc/{service.process.pid}/task").iterdir():
         with suppress(ProcessLookupError):
-            found.append(os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK)
-    return sorted(found)
+            policies.append(os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK)
+    return sorted(policies)
 
 
 def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware, tmp_path, monkeypatch):
     monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
     with running(firmware, tmp_path) as service:
-        said = (tmp_path / "said.txt").read_text()
+        printed = (tmp_path / "said.txt").read_text()
         idle = service.memory_mb()
         with reached(str(service.door)) as remote:
-            what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
-            run = driven(remote, what, service.live, tmp_path / "here")
+            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+            run = drive_whole(remote, mission, service.live, tmp_path / "here")
         after = service.memory_mb()
-        assert "WATCHDOG=1" in service.said
-    assert ("memory locked" in said) == (idle["VmLck"] > 0.0)
+        assert "WATCHDOG=1" in service.notifications
+    assert ("memory locked" in printed) == (idle["VmLck"] > 0.0)
     assert idle["VmRSS"] < MOST_MB
     assert after["VmHWM"] < MOST_MB
     assert run.metadata["backend"] == "c"
@@ -101,11 +101,11 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
 
 def test_an_imu_that_does_not_answer_at_the_start_is_reported_and_found_later(firmware, tmp_path):
     with running(firmware, tmp_path, unheard=4) as service, reached(str(service.door)) as remote:
-        what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
-        run = driven(remote, what, service.live, tmp_path / "here")
-    said = (tmp_path / "said.txt").read_text()
-    assert said.count("no IMU: No IMU answers at 0x68") == 1
-    assert said.count("the IMU answers now") == 1
+        mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+        run = drive_whole(remote, mission, service.live, tmp_path / "here")
+    printed = (tmp_path / "said.txt").read_text()
+    assert printed.count("no IMU: No IMU answers at 0x68") == 1
+    assert printed.count("the IMU answers now") == 1
     assert len(run.sensors["imu"].t_ns) > 20
 
 

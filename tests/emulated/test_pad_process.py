@@ -39,7 +39,7 @@ class Machine:
         self._server.stdin.flush()
         return json.loads(self._server.stdout.readline())
 
-    def asked(self, *command):
+    def run(self, *command):
         """What a process says that ends by itself."""
         return subprocess.run(
             [sys.executable, *command], env={**os.environ, **self.environment}, capture_output=True, text=True,
@@ -52,15 +52,15 @@ class Machine:
 
 @pytest.fixture
 def machine():
-    made = []
+    machines = []
 
     def make(*names):
-        made.append(Machine(*names))
-        return made[-1]
+        machines.append(Machine(*names))
+        return machines[-1]
 
     yield make
-    for one in made:
-        one.close()
+    for pad_machine in machines:
+        pad_machine.close()
 
 
 @pytest.fixture
@@ -70,9 +70,9 @@ def drive(machine, tmp_path, monkeypatch):
 
     screens = []
 
-    def begin(one, run):
+    def begin(pad_machine, run):
         with monkeypatch.context() as patch:
-            for name, value in one.environment.items():
+            for name, value in pad_machine.environment.items():
                 patch.setenv(name, value)
             screens.append(Terminal(tmp_path, "drive", "--vehicle", "small", "--pad", "-o", run))
         return screens[-1]
@@ -83,9 +83,9 @@ def drive(machine, tmp_path, monkeypatch):
 
 
 def test_a_process_finds_the_pad_by_real_calls(machine):
-    assert machine("keyboard", "touchpad", "bare_pad").asked("-c", ASK).stdout == "Bare pad\n"
-    said = machine("keyboard", "touchpad").asked("-c", ASK).stderr
-    assert 'event0 "AT keyboard" (no stick), event1 "Touchpad" (no front buttons)' in said
+    assert machine("keyboard", "touchpad", "bare_pad").run("-c", ASK).stdout == "Bare pad\n"
+    errors = machine("keyboard", "touchpad").run("-c", ASK).stderr
+    assert 'event0 "AT keyboard" (no stick), event1 "Touchpad" (no front buttons)' in errors
 
 
 def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tmp_path):
@@ -109,7 +109,7 @@ def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tm
     machine.order("change", 3, AHEAD, PRESS)
     screen = begin(machine, "again.mcap")
     screen.until(rb"(?s)(?:let go of its stick.*?){6}")  # of one that did not wait, the second would drive
-    assert b"pad drives" not in screen.heard
+    assert b"pad drives" not in screen.output
     machine.order("change", 3, MIDDLE, RELEASE)
     screen.until(rb"hold a front button to drive")
     machine.order("change", 3, AHEAD, PRESS)

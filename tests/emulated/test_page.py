@@ -80,16 +80,16 @@ class Wheel:
             return self.live.uno.off_since() - now_s
 
 
-def signalled(process, how):
+def signalled(process, number):
     """Send a signal to a process and to all that it started."""
     children = [
         int(pid)
         for task in Path(f"/proc/{process}/task").glob("*/children")
         for pid in task.read_text().split()
     ]
-    os.kill(process, how)
+    os.kill(process, number)
     for child in children:
-        signalled(child, how)
+        signalled(child, number)
 
 
 def test_rt13_rt15_whatever_is_lost_between_browser_and_motors_they_are_off(firmware, tmp_path):

@@ -59,12 +59,12 @@ def vehicle(live, tmp_path):
 @pytest.fixture
 def service(vehicle, tmp_path):
     """(process, door) of a service that is ready."""
-    with started(vehicle, tmp_path) as (process, door):
+    with start_vehicle(vehicle, tmp_path) as (process, door):
         yield process, door
 
 
 @contextmanager
-def started(vehicle, tmp_path):
+def start_vehicle(vehicle, tmp_path):
     """(process, door) of a service, as systemd starts it, again too."""
     door = tmp_path / "door"
     door.unlink(missing_ok=True)  # of one that was killed
@@ -124,25 +124,25 @@ def stops(live, within_s):
     return took_s
 
 
-def taken(remote, what, path, **how):
+def perform_mission(remote, mission, path, **options):
     """Its run, however often it was refused: where this machine stalls, an Uno falls silent between two drives."""
     end = time.monotonic() + PATIENCE_S
     while True:
         ready(remote)
         try:
-            return remote.perform(what, path, **how)
+            return remote.perform(mission, path, **options)
         except SafetyStop:
             if path.exists() or time.monotonic() > end:  # it began
                 raise
             remote.hear(("state",), PATIENCE_S)
 
 
-def driven(remote, what, live, folder):
+def drive_whole(remote, mission, live, folder):
     """The run of a mission; driven again where a stall of this machine ended it."""
     end = time.monotonic() + 3.0 * PATIENCE_S
     while True:
         lost_s, path = live.lost_s, folder / f"{time.monotonic_ns()}.mcap"
-        run = taken(remote, what, path)
+        run = perform_mission(remote, mission, path)
         if not stop_of(run) or time.monotonic() > end or not stalled(run, live.lost_s - lost_s):
             return run
 
@@ -155,7 +155,7 @@ def stalled(run, lost_s):
     return max(lost_s, late_s, *np.diff(run.t_s)) >= STALL_S
 
 
-def ended(door, folder):
+def end_of_drive(door, folder):
     """Why the last drive ended, and its run in the folder of the service."""
     with reached(str(door)) as remote:
         while remote.state["state"] == "MISSION":
@@ -187,12 +187,12 @@ def lives(live, seconds, meanwhile=lambda: None):
 def test_a_mission_by_the_door_brings_its_run_back(service, vehicle, live, tmp_path):
     _, door = service
     with reached(str(door)) as remote:
-        run = driven(remote, spin(vehicle, 1.0), live, tmp_path / "here")
+        run = drive_whole(remote, spin(vehicle, 1.0), live, tmp_path / "here")
     assert stop_of(run) is None
-    (kept,) = [e for e in run.events if e.source == CLOCK_SOURCE]
-    left_out = int(re.search(r"(\d+) were left out", kept.text)[1])
+    (event_of_clock,) = [e for e in run.events if e.source == CLOCK_SOURCE]
+    left_out = int(re.search(r"(\d+) were left out", event_of_clock.text)[1])
     assert left_out == np.sum(np.diff(run.t_ns) // 20_000_000 - 1)
-    assert kept.level == ("warning" if left_out else "info")
+    assert event_of_clock.level == ("warning" if left_out else "info")
     assert run.duration_s == 1.0 if left_out == 0 else run.duration_s >= 1.0
     assert np.all(run.requested[run.t_s < 0.99, 2] == 0.6)
     with live.lock:
@@ -210,14 +210,14 @@ def test_a_mission_by_the_door_brings_its_run_back(service, vehicle, live, tmp_p
 
 def test_rt5_rt13_a_laptop_that_is_gone_stops_the_vehicle(service, vehicle, live, tmp_path):
     _, door = service
-    end, why = time.monotonic() + 3.0 * PATIENCE_S, None
-    while why is None or why.code != StopReason.HOLDER_SILENT:
+    end, reason = time.monotonic() + 3.0 * PATIENCE_S, None
+    while reason is None or reason.code != StopReason.HOLDER_SILENT:
         lost_s = live.lost_s
         with driving(door, vehicle, live):
             pass
         stops(live, 2.0)  # in the vehicle's own time 0.5 s: test_service.py
-        why, run = ended(door, tmp_path / "there")
-        assert (why is not None and why.code == StopReason.HOLDER_SILENT) or (
+        reason, run = end_of_drive(door, tmp_path / "there")
+        assert (reason is not None and reason.code == StopReason.HOLDER_SILENT) or (
             stalled(run, live.lost_s - lost_s) and time.monotonic() < end
         )
 
@@ -236,15 +236,15 @@ def test_rt5_a_service_that_is_killed_leaves_a_stopped_vehicle_and_a_whole_run(
             moves = lives(live, 0.05)  # what was sent has arrived
             process.send_signal(signal.SIGKILL if moves else signal.SIGCONT)
         if not moves:
-            why, run = ended(door, tmp_path / "there")
-            assert stalled(run, live.lost_s - lost_s), why
-            assert time.monotonic() < end, why
+            reason, run = end_of_drive(door, tmp_path / "there")
+            assert stalled(run, live.lost_s - lost_s), reason
+            assert time.monotonic() < end, reason
     process.wait()
     assert until(lambda: not live.moving(), PATIENCE_S)
     assert 0.25 < live.off_after_s() <= 0.32  # the firmware's dead man, in its own time
-    there = max((tmp_path / "there").glob("*.mcap*"))
+    damaged_file = max((tmp_path / "there").glob("*.mcap*"))
     whole = tmp_path / "whole.mcap"
-    recover(there, whole)
+    recover(damaged_file, whole)
     assert read_run(whole).duration_s > 0.7
 
 
@@ -278,35 +278,37 @@ def status(door):
 def test_a_block_that_takes_the_service_with_it_is_named_by_the_next_one(
     vehicle, live, tmp_path, text, code, line
 ):
-    what = repetition(tmp_path, "line", text, vehicle)
-    begun = tmp_path / "begun"
+    mission = repetition(tmp_path, "line", text, vehicle)
+    mark_file = tmp_path / "begun"
     lines = ["def hang():", "  import signal", "  signal.signal(signal.SIGALRM, signal.SIG_IGN)",
-             f"  open({str(begun)!r}, 'w').close()", "  while True: pass"]  # fmt: skip
+             f"  open({str(mark_file)!r}, 'w').close()", "  while True: pass"]  # fmt: skip
     if text == "hang()":
-        what.texts["mine.py"] = what.texts["mine.py"].replace("\npass\n", "\n" + "\n".join(lines) + "\n", 1)
-    with started(vehicle, tmp_path) as (process, door):
+        mission.texts["mine.py"] = mission.texts["mine.py"].replace(
+            "\npass\n", "\n" + "\n".join(lines) + "\n", 1
+        )
+    with start_vehicle(vehicle, tmp_path) as (process, door):
         with suppress(RobotUnreachable), reached(str(door)) as remote:
             ready(remote)
-            remote.say(do="mission", door=VERSION, mission=what.json())
+            remote.say(do="mission", door=VERSION, mission=mission.json())
             assert until(lambda: remote.say(do="beat") or live.moving(), PATIENCE_S)
             if text == "hang()":
-                assert until(lambda: remote.say(do="beat") or begun.exists(), PATIENCE_S)
+                assert until(lambda: remote.say(do="beat") or mark_file.exists(), PATIENCE_S)
                 assert until(lambda: not live.moving(), PATIENCE_S)
                 process.send_signal(signal.SIGABRT)
         assert process.wait(PATIENCE_S) == code
     assert until(lambda: not live.moving(), PATIENCE_S)
     assert live.off_after_s() <= 0.32
-    with started(vehicle, tmp_path) as (_, door):
+    with start_vehicle(vehicle, tmp_path) as (_, door):
         state = status(door)
         assert state["state"] == "STOPPED"
         (run,) = (path.name for path in (tmp_path / "there").glob("*.mcap"))
-        why = state["why"]
-        assert why.code == (StopReason.MISSION_UNFINISHED_AT if line else StopReason.MISSION_UNFINISHED)
+        reason = state["why"]
+        assert reason.code == (StopReason.MISSION_UNFINISHED_AT if line else StopReason.MISSION_UNFINISHED)
         file = "mine.py" if line else ""
         figures = {"kind": "repeat", "run": run, "blocks": "mine.py:Mine", "file": file, "line": line}
-        assert why.figures == figures
+        assert reason.figures == figures
         with reached(str(door)) as remote:
             remote.say(do="clear")
             ready(remote)
-    with started(vehicle, tmp_path) as (_, door):
+    with start_vehicle(vehicle, tmp_path) as (_, door):
         assert status(door)["state"] == "READY"

@@ -9,7 +9,7 @@ from baqueano.drive.recording import CLOCK_SOURCE
 from tests.emulated.drives import TEACHER, drive, during, spin
 
 
-def told(run):
+def punctuality(run):
     (event,) = [e for e in run.events if e.source == CLOCK_SOURCE]
     assert event.t_ns == run.t_ns[-1]
     return event
@@ -17,9 +17,9 @@ def told(run):
 
 def test_a_drive_that_kept_its_ticks_says_so(service):
     _, run = drive(service, spin())
-    assert told(run).level == "info"
-    assert told(run).text.startswith(f"{len(run.t_ns)} ticks: ")
-    assert told(run).text.endswith(" 0 were left out")
+    assert punctuality(run).level == "info"
+    assert punctuality(run).text.startswith(f"{len(run.t_ns)} ticks: ")
+    assert punctuality(run).text.endswith(" 0 were left out")
 
 
 def test_rt1_ticks_that_were_left_out_are_counted_and_warned_of(service, robot):
@@ -28,16 +28,16 @@ def test_rt1_ticks_that_were_left_out_are_counted_and_warned_of(service, robot):
     assert done["why"] is None
     missing = np.diff(run.t_ns) // 10_000_000 - 1
     assert missing.max() >= 4
-    assert told(run).level == "warning"
-    assert told(run).text.endswith(f" {missing.sum()} were left out")
-    assert any(m["is"] == "event" and m["said"] == told(run).diagnostic for m in service.told)
+    assert punctuality(run).level == "warning"
+    assert punctuality(run).text.endswith(f" {missing.sum()} were left out")
+    assert any(m["is"] == "event" and m["said"] == punctuality(run).diagnostic for m in service.messages)
 
 
 def test_a_drive_that_was_stopped_tells_it_too(service, robot):
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin(3.0))
     assert done["why"] == TEACHER
-    assert told(run).text.startswith(f"{len(run.t_ns)} ticks: ")
+    assert punctuality(run).text.startswith(f"{len(run.t_ns)} ticks: ")
 
 
 def test_a_drive_that_somebody_ended_tells_it_too(service, robot):
@@ -51,7 +51,7 @@ def test_a_drive_that_somebody_ended_tells_it_too(service, robot):
     during(service, robot, 0.2, enough)
     done, run = drive(service, spin(3.0), attended=True)
     assert done["why"].code == StopReason.INTERRUPTED
-    assert "ticks: " in told(run).text
+    assert "ticks: " in punctuality(run).text
 
 
 def test_a_first_drive_on_the_vehicle_is_only_driven(service):

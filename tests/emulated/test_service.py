@@ -30,9 +30,9 @@ def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robo
     assert done["why"] == TEACHER
     assert service.machine.state is DoorState.STOPPED
     assert run.duration_s < 1.7
-    again, _ = drive(service, spin())
-    assert again["why"] == TEACHER
-    assert again["run"] is None
+    second, _ = drive(service, spin())
+    assert second["why"] == TEACHER
+    assert second["run"] is None
     service.operator.clear_requested = True
     for _ in range(3):
         service.idle()
@@ -43,15 +43,15 @@ def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robo
 
 def test_rt13_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot):
     me = object()
-    heard = []
+    stops_ns = []
     service.operator.hold(me)
 
     def healthy():
         if service.machine.state is DoorState.MISSION:
-            heard.append(robot.now_ns)
-            if robot.now_ns - heard[0] < 0.5e9:
+            stops_ns.append(robot.now_ns)
+            if robot.now_ns - stops_ns[0] < 0.5e9:
                 service.operator.sign_of_life(me)
-                heard[-1:] = [robot.now_ns]
+                stops_ns[-1:] = [robot.now_ns]
 
     service.healthy = healthy
     done, run = drive(service, spin(3.0), attended=True)
@@ -99,9 +99,9 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
         "class Mine:\n    def init(self):\n        return 0\n\n"
         "    def step(self, state, reference, estimate):\n        return 1 / 0\n"
     )
-    what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
-    what = packed(what, vehicle_file.load("small"))
-    done, _ = drive(service, what)
+    mission = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
+    mission = packed(mission, vehicle_file.load("small"))
+    done, _ = drive(service, mission)
     assert done["why"].code == StopReason.BLOCK_RAISED
     assert done["why"].figures["block"].startswith("controller Mine (")
     assert "mine.py:6" in done["why"].figures["block"]
@@ -111,15 +111,15 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
 def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
     me = object()
     service.operator.hold(me)
-    begun = []
+    starts_ns = []
 
     def healthy():
         if service.machine.state is DoorState.MANUAL:
-            begun.append(robot.now_ns)
-            if robot.now_ns - begun[0] < 0.6e9:
+            starts_ns.append(robot.now_ns)
+            if robot.now_ns - starts_ns[0] < 0.6e9:
                 service.operator.want(me, [0.0, 0.0, 0.5])
             service.operator.sign_of_life(me)
-            if robot.now_ns - begun[0] > 1.5e9:
+            if robot.now_ns - starts_ns[0] > 1.5e9:
                 service.operator.end(me)
 
     service.healthy = healthy

@@ -20,36 +20,36 @@ ARM = DriveFlag.ARM
 
 
 def test_r16_each_boot_draws_another_nonce(uno):
-    seen = [uno.info().nonce]
+    nonces = [uno.info().nonce]
     for k in range(20):
         if k % 2:
             uno.reset(ResetCause.EXTERNAL)
         else:
             uno.power_cycle(k)
-        seen.append(uno.told(Info, 0.1).nonce)
+        nonces.append(uno.next_frame(Info, 0.1).nonce)
         uno.frames()
-    assert all(a != b for a, b in itertools.pairwise(seen))
-    assert len(set(seen)) == len(seen)
+    assert all(a != b for a, b in itertools.pairwise(nonces))
+    assert len(set(nonces)) == len(nonces)
 
 
 def test_r16_a_boot_that_is_cut_short_does_not_bring_an_old_nonce_back(uno):
     """Resets at every moment of the first 20 ms: a nonce that was told is never told again."""
     chance = random.Random(5)
-    told = [uno.info().nonce]
+    nonces = [uno.info().nonce]
     for _ in range(40):
         uno.reset(ResetCause.BROWN_OUT)
         uno.run(chance.uniform(0, 0.02))
-        told += [f.nonce for f in uno.frames() if isinstance(f, State | Info)][-1:]
+        nonces += [f.nonce for f in uno.frames() if isinstance(f, State | Info)][-1:]
     uno.reset(ResetCause.BROWN_OUT)
-    last = uno.told(Info, 0.1).nonce
-    assert last not in told
-    assert sorted(told) == told
+    last = uno.next_frame(Info, 0.1).nonce
+    assert last not in nonces
+    assert sorted(nonces) == nonces
 
 
 def test_r16_fw4_a_command_with_another_nonce_is_counted_and_ignored(uno):
     uno.hold(300, 300, 0.1)
-    for other in range(1, 256, 5):
-        uno.send(Drive((uno.nonce() + other) & 0xFF, 900, 900, ARM))
+    for nonce in range(1, 256, 5):
+        uno.send(Drive((uno.nonce() + nonce) & 0xFF, 900, 900, ARM))
         uno.run(0.003)
     assert uno.duty(0) == pytest.approx(0.3)
     state = uno.state()
@@ -67,17 +67,17 @@ def test_r16_a_command_with_another_nonce_does_not_feed_the_dead_man(uno):
 
 def test_r17_fw5_a_repeated_command_is_ignored_and_does_not_feed_the_dead_man(uno):
     uno.hold(300, 300, 0.1)
-    repeated = uno.seq
+    old_seq = uno.seq
     last = uno.t_s
     while uno.t_s < last + 0.32:
-        uno.drive(300, 300, seq=repeated)
+        uno.drive(300, 300, seq=old_seq)
         uno.run(0.01)
     assert not uno.moving
     assert uno.info().old_sequence >= 30
 
 
-@pytest.mark.parametrize(("step", "taken"), [(1, True), (127, True), (128, False), (255, False), (0, False)])
-def test_r17_newer_is_one_to_127_ahead(uno, step, taken):
+@pytest.mark.parametrize(("step", "obeyed"), [(1, True), (127, True), (128, False), (255, False), (0, False)])
+def test_r17_newer_is_one_to_127_ahead(uno, step, obeyed):
     for start in (0, 100, 200, 255):
         uno.arm()
         uno.seq = uno.state().drive_seq
@@ -86,7 +86,7 @@ def test_r17_newer_is_one_to_127_ahead(uno, step, taken):
             uno.run_until(uno.drive(0, 0, seq=uno.seq) + 2e-3)
         uno.drive(400, 400, seq=start + step)
         uno.run(0.03)
-        assert uno.moving == taken
+        assert uno.moving == obeyed
         uno.seq = uno.state().drive_seq
         uno.drive(0, 0)
         uno.run(0.05)
@@ -107,17 +107,17 @@ def test_r17_fw5_commands_that_arrive_in_another_order_leave_the_newest(uno):
     assert uno.state().drive_seq == newest & 0xFF
 
 
-@pytest.mark.parametrize("lost", [0, 126, 127, 200, 254, 255, 1000])
-def test_r17_however_many_commands_were_lost_one_of_the_next_129_is_obeyed(uno, lost):
+@pytest.mark.parametrize("count_lost", [0, 126, 127, 200, 254, 255, 1000])
+def test_r17_however_many_commands_were_lost_one_of_the_next_129_is_obeyed(uno, count_lost):
     """The price of eight bits: after a gap of 127 to 255 commands the next ones look old for a while."""
     uno.arm()
-    uno.seq += lost
-    refused = -1
+    uno.seq += count_lost
+    refusals = -1
     while not uno.moving:
         uno.run_until(uno.drive(300, 300) + 2e-3)
-        refused += 1
-        assert refused <= 129
-    assert (refused == 0) == (lost % 256 < 127)
+        refusals += 1
+        assert refusals <= 129
+    assert (refusals == 0) == (count_lost % 256 < 127)
 
 
 def test_r26_fw3_info_tells_who_speaks_and_what_holds(uno):
@@ -130,6 +130,6 @@ def test_r26_fw3_info_tells_who_speaks_and_what_holds(uno):
     assert info.reset_cause == ResetCause.POWER
     config = Config(500, 20, 100, 1000, 6000)
     uno.send(config)
-    assert uno.told(Info).config == config
+    assert uno.next_frame(Info).config == config
     uno.reset(ResetCause.EXTERNAL)
-    assert uno.told(Info, 0.1).config == Config(), "a configuration is that of a session"
+    assert uno.next_frame(Info, 0.1).config == Config(), "a configuration is that of a session"

@@ -33,16 +33,16 @@ OURS = Settings(
 AT_SETTINGS, STORED = 8, 35
 
 
-def asked(uno):
+def settings_of(uno):
     uno.run(0.02)
     uno.frames()
     uno.send(AskSettings())
-    return uno.told(Settings, 0.1)
+    return uno.next_frame(Settings, 0.1)
 
 
 def store(uno, settings=OURS):
     uno.send(settings)
-    assert uno.told(Settings, 0.5) == settings
+    assert uno.next_frame(Settings, 0.5) == settings
 
 
 def unchecked(frame, seq=1):
@@ -51,31 +51,31 @@ def unchecked(frame, seq=1):
 
 
 def test_r15_an_uno_without_settings_has_those_of_the_factory_and_says_so(uno):
-    assert asked(uno) == Settings()
+    assert settings_of(uno) == Settings()
     assert uno.state().flags & StateFlag.FACTORY
 
 
-@pytest.mark.parametrize("how", ["reset", "power", "another part with the same EEPROM"])
-def test_r15_settings_outlive(uno, new_uno, how):
+@pytest.mark.parametrize("end_by", ["reset", "power", "another part with the same EEPROM"])
+def test_r15_settings_outlive(uno, new_uno, end_by):
     store(uno)
     assert not uno.state().flags & StateFlag.FACTORY
-    if how == "reset":
+    if end_by == "reset":
         uno.reset(ResetCause.EXTERNAL)
         uno.run(0.02)
-    elif how == "power":
+    elif end_by == "power":
         uno.power_cycle()
         uno.run(0.02)
     else:
         uno = new_uno(eeprom=uno.eeprom())
-    assert asked(uno) == OURS
+    assert settings_of(uno) == OURS
     assert not uno.state().flags & StateFlag.FACTORY
 
 
 def test_r15_settings_are_answered_only_when_they_read_back(uno):
     """One byte a millisecond at the most, so 35 bytes are not answered within 35 ms."""
-    arrived = uno.send(OURS)
-    uno.told(Settings, 0.5)
-    assert uno.t_s - arrived >= 0.035
+    sent_s = uno.send(OURS)
+    uno.next_frame(Settings, 0.5)
+    assert uno.t_s - sent_s >= 0.035
     assert uno.eeprom()[AT_SETTINGS + 1 : AT_SETTINGS + 33] == frames.pack(OURS)
 
 
@@ -92,18 +92,18 @@ def test_r15_settings_are_refused_while_armed(uno):
     uno.send(OURS)
     uno.drive(300, 300)
     uno.run(0.2)
-    assert asked(uno) == Settings()
+    assert settings_of(uno) == Settings()
     assert uno.info().not_armed == 1
 
 
 @pytest.mark.parametrize("place", [0, 1, 17, 32, 33, 34])
 def test_r15_a_damaged_byte_in_eeprom_makes_none_of_them_believed(new_uno, uno, place):
     store(uno)
-    held = bytearray(uno.eeprom())
-    held[AT_SETTINGS + place] ^= 0x10
-    other = new_uno(eeprom=bytes(held))
-    assert asked(other) == Settings()
-    assert other.state().flags & StateFlag.FACTORY
+    eeprom = bytearray(uno.eeprom())
+    eeprom[AT_SETTINGS + place] ^= 0x10
+    second = new_uno(eeprom=bytes(eeprom))
+    assert settings_of(second) == Settings()
+    assert second.state().flags & StateFlag.FACTORY
 
 
 def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
@@ -111,20 +111,20 @@ def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
     first = OURS._replace(kick_ms=99, battery_permille=2999)
     store(uno, first)
     before = uno.eeprom()
-    seen = set()
+    outcomes = set()
     for cut_ms in range(0, 160, 12):
-        other = new_uno(eeprom=before)
-        arrived = other.send(OURS)
-        other.run_until(arrived + cut_ms * 1e-3)
-        other.power_cycle()
-        other.run(0.02)
-        found = asked(other)
-        factory = bool(other.state().flags & StateFlag.FACTORY)
-        assert (found, factory) in [(first, False), (Settings(), True), (OURS, False)], (
+        second = new_uno(eeprom=before)
+        sent_s = second.send(OURS)
+        second.run_until(sent_s + cut_ms * 1e-3)
+        second.power_cycle()
+        second.run(0.02)
+        settings = settings_of(second)
+        factory = bool(second.state().flags & StateFlag.FACTORY)
+        assert (settings, factory) in [(first, False), (Settings(), True), (OURS, False)], (
             f"cut after {cut_ms} ms"
         )
-        seen.add((found == OURS, factory))
-    assert seen >= {(False, True), (True, False)}
+        outcomes.add((settings == OURS, factory))
+    assert outcomes >= {(False, True), (True, False)}
 
 
 def test_r19_each_configuration_at_its_ends_is_taken(uno):
@@ -167,7 +167,7 @@ def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
                 uno.run(0.01)
                 wrong += 1
     assert wrong > 20
-    assert asked(uno) == Settings()
+    assert settings_of(uno) == Settings()
     assert uno.info().out_of_range == wrong
     assert uno.eeprom()[AT_SETTINGS:] == b"\xff" * (1024 - AT_SETTINGS)
 
@@ -196,11 +196,11 @@ def test_r15_settings_that_were_stored_thousands_of_times_still_hold(uno):
     """Bytes that do not change are not written: boots and settings wear only the cells that differ."""
     chance = random.Random(4)
     for _ in range(5):
-        ours = OURS._replace(kick_ms=chance.randint(0, 100))
-        store(uno, ours)
+        settings = OURS._replace(kick_ms=chance.randint(0, 100))
+        store(uno, settings)
         uno.reset(ResetCause.EXTERNAL)
-        assert uno.told(Info, 0.1).boots
-        assert asked(uno) == ours
+        assert uno.next_frame(Info, 0.1).boots
+        assert settings_of(uno) == settings
 
 
 def test_a_drive_flag_means_the_same_on_both_sides():

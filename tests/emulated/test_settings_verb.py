@@ -30,14 +30,14 @@ def live(firmware):
 def verb(live, capsys):
     """`verb("--bridge", "tb6612")`: exit code, stdout, stderr."""
 
-    def typed(*words, host=("--vehicle", "small", "--set")):
+    def run_verb(*words, host=("--vehicle", "small", "--set")):
         more = [*host, f"robot.port={live.path}"] if "--set" in host else list(host)
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as exit_info:
             main(["robot", "settings", *more, *words])
         out, err = capsys.readouterr()
-        return ended.value.code, out, err
+        return exit_info.value.code, out, err
 
-    return typed
+    return run_verb
 
 
 def in_eeprom(live):
@@ -68,14 +68,16 @@ def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
     )  # fmt: skip
     assert code == 0
     assert "right-backwards     0.140  1.000  0.500\nSET: kept in the Uno" in out
-    meant = Settings(
+    settings = Settings(
         Wiring.RIGHT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED | Wiring.MARK_ACTIVE_LOW, Driver.TB6612,
         Encoders.QUADRATURE, 20, 30, 7, 3127,
         (Way(110, 900, 500), Way(110, 1000, 500), Way(110, 1000, 500), Way(140, 1000, 500)),
     )  # fmt: skip
-    assert in_eeprom(live) == meant
+    assert in_eeprom(live) == settings
     code, out, _ = verb("--mark", "high", "--json")
-    assert StoredSettings.of(json.loads(out)["rows"]).settings == meant._replace(wiring=meant.wiring & ~64)
+    assert StoredSettings.of(json.loads(out)["rows"]).settings == settings._replace(
+        wiring=settings.wiring & ~64
+    )
     assert json.loads(out)["rows"][0]["mark"] == "high"
     assert verb("--defaults", "--bridge", "l293d")[0] == 0
     assert in_eeprom(live) == Settings(driver=Driver.L293D)
@@ -101,7 +103,7 @@ def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, li
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (("--bridge", "drv8833"), "--bridge drv8833: expected one of l298n, tb6612, l293d."),
         (("--mark", "1"), "--mark 1: expected one of high, low."),
@@ -114,10 +116,10 @@ def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, li
         (("--kick", "left=0.1"), "--kick left=0.1: expected a wheel and direction with its number"),
     ],
 )  # fmt: skip
-def test_a_value_that_none_takes_is_refused_before_anything_is_opened(verb, live, words, said):
+def test_a_value_that_none_takes_is_refused_before_anything_is_opened(verb, live, words, message):
     code, out, err = verb(*words, host=("nobody@nowhere",))
     assert (code, out) == (2, "")
-    assert said in err
+    assert message in err
     assert verb(*words)[0] == 2
     assert in_eeprom(live) == Settings()
 
@@ -132,13 +134,13 @@ def test_while_a_motor_runs_nothing_is_stored(verb, live):
                 for flags, duty in ((DriveFlag.ARM, 0), (DriveFlag.ARM, 400)):
                     live.uno.drive(duty, duty, flags)
 
-    other = threading.Thread(target=somebody_else)
-    other.start()
+    thread = threading.Thread(target=somebody_else)
+    thread.start()
     try:
         code, _, err = verb("--bridge", "tb6612")
     finally:
         done.set()
-        other.join()
+        thread.join()
     assert code == 1
     assert "a motor runs (left +" in err
     assert "expected both at rest. Nothing was stored." in err
@@ -179,9 +181,9 @@ def test_a_service_that_drives_is_not_stopped_for_it(verb, tmp_path, monkeypatch
 
 def test_at_a_host_the_same_is_typed_there_and_its_table_is_shown_here(verb, live, tmp_path, monkeypatch):
     """ssh is a shell here, which starts the real command line."""
-    there = tmp_path / "vehicle.toml"
-    vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(there)
-    monkeypatch.setattr("baqueano.robot.VEHICLE", str(there))
+    vehicle_toml = tmp_path / "vehicle.toml"
+    vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(vehicle_toml)
+    monkeypatch.setattr("baqueano.robot.VEHICLE", str(vehicle_toml))
     scripts = {
         "ssh": 'for last; do :; done; exec sh -c "$last"',
         "baqueano": f'echo "$*" >>{tmp_path}/calls; exec {sys.executable} -m baqueano "$@"',

@@ -11,8 +11,8 @@ FLASH, RAM, PART_RAM = 6000, 700, 2048
 
 
 def test_r27_flash_and_ram_are_within_their_limits(firmware):
-    said = subprocess.run(["avr-size", firmware.elf], capture_output=True, text=True, check=True).stdout
-    text, data, bss = map(int, said.splitlines()[1].split()[:3])
+    sizes = subprocess.run(["avr-size", firmware.elf], capture_output=True, text=True, check=True).stdout
+    text, data, bss = map(int, sizes.splitlines()[1].split()[:3])
     assert text + data <= FLASH, f"{text + data} bytes of flash"
     assert data + bss <= RAM, f"{data + bss} bytes of RAM"
 
@@ -20,7 +20,7 @@ def test_r27_flash_and_ram_are_within_their_limits(firmware):
 def test_r27_the_stack_leaves_more_than_half_of_the_ram_untouched(uno):
     """After everything that nests deepest: interrupts of encoders and bytes while frames are made."""
     uno.send(Settings(encoders=Encoders.QUADRATURE, dither_permille=30, kick_ms=10))
-    uno.told(Settings, 0.5)
+    uno.next_frame(Settings, 0.5)
     uno.send(Config(telemetry_ms=5))
     uno.arm()
     for k in range(100):
@@ -39,7 +39,7 @@ def test_the_program_in_the_wheel_is_that_of_these_sources(firmware, new_uno):
     shipped = new_uno(
         boot_loader=SHIPPED, flashed=False
     )  # it starts at 0, as a program without a boot-loader
-    info = shipped.told(Info, 0.1)
+    info = shipped.next_frame(Info, 0.1)
     assert (info.protocol, info.version_major, info.version_minor, info.version_patch) == (PROTOCOL, *VERSION)
 
 

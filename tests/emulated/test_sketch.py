@@ -43,9 +43,9 @@ def test_the_folder_builds_as_a_sketch(arduino_core, firmware, tmp_path):
     objects: dict[str, list[Path]] = {"core": [], "ours": []}
     for kind, sources in (("core", core), ("ours", [sketch, *FIRMWARE.glob("*.c")])):
         for source in sources:
-            made = tmp_path / f"{kind}_{source.name}.o"
-            run(*(CPP if source.suffix == ".cpp" else C), *includes, source, "-o", made)
-            objects[kind].append(made)
+            object_file = tmp_path / f"{kind}_{source.name}.o"
+            run(*(CPP if source.suffix == ".cpp" else C), *includes, source, "-o", object_file)
+            objects[kind].append(object_file)
     archive = tmp_path / "core.a"
     run("avr-ar", "rcs", archive, *objects["core"])
     elf = tmp_path / "uno.elf"

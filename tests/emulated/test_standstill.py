@@ -9,7 +9,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
 from baqueano.drive import stop_of
-from tests.emulated.drives import drive, looked, served, spin
+from tests.emulated.drives import drive, look_around, serve, spin
 from tests.emulated.robot import EmulatedRobot
 
 BUFFER = 4095  # bytes that the kernel keeps of a line that nobody reads
@@ -44,11 +44,11 @@ class Freeze:
         }[phase]
         call = getattr(place, name)
 
-        def frozen(*inputs):
+        def frozen_input(*inputs):
             self.maybe()
             return call(*inputs)
 
-        setattr(place, name, frozen)
+        setattr(place, name, frozen_input)
 
     def armed(self):
         self.armed_s = self.robot.board.t_s
@@ -71,7 +71,7 @@ class Freeze:
 
 
 def frozen_drive(robot, folder, phase, seconds, **options):
-    service = served(robot, vehicle_file.load("small"), folder)
+    service = serve(robot, vehicle_file.load("small"), folder)
     freeze = Freeze(robot, service, phase, seconds, **options)
     done, run = drive(service, spin(2.5))
     return service, freeze, done, run
@@ -90,10 +90,10 @@ def test_rt2_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_furt
     assert stop_of(run) == done["why"]
     assert done["why"].figures["still_s"] == pytest.approx(seconds, abs=0.02)
     assert service.machine.state is DoorState.STOPPED
-    looked(service, robot, 5)
+    look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "it is latched"
     service.operator.clear_requested = True
-    looked(service, robot, 20)
+    look_around(service, robot, 20)
     done, _ = drive(service, spin(0.5))
     assert done["why"] is None, "a person looked at it, and it drives again"
 
@@ -115,7 +115,7 @@ def test_a_computer_that_stood_still_for_a_moment_drives_on(robot, tmp_path, pha
 
 def test_a_freeze_in_the_midst_of_a_write_moves_nothing_for_longer_than_a_tick(robot, tmp_path):
     """The command is decided and not yet on the line; this one alone still leaves."""
-    service = served(robot, vehicle_file.load("small"), tmp_path)
+    service = serve(robot, vehicle_file.load("small"), tmp_path)
     freeze = Freeze(robot, service, "after log", 0.8)
     service.healthy = lambda: None
     write = robot.write

@@ -84,10 +84,10 @@ def test_r5_rt15_stop_takes_3_ms_at_every_pwm_frequency(uno, pwm_hz):
     uno.send(Config(pwm_hz=pwm_hz, slew_permille_per_ms=1))
     uno.hold(900, -900, 1.0)
     assert uno.moving
-    sent = uno.t_s
+    sent_s = uno.t_s
     uno.send(Stop())
     uno.run(0.003)
-    assert uno.off_since() - sent <= 0.003
+    assert uno.off_since() - sent_s <= 0.003
     assert uno.state().flags & StateFlag.STOPPED
 
 
@@ -128,11 +128,11 @@ def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_reported(uno, interru
     uno.run(0.150)
     assert uno.resets == 1
     assert uno.off_since() - hung <= 0.150
-    told = uno.told(Info, 0.2) if not uno.frames() else uno.info()
-    assert told.nonce != before.nonce
-    assert told.reset_cause & ResetCause.WATCHDOG
-    assert told.reset_cause & ResetCause.WARM
-    assert bool(told.reset_cause & ResetCause.HUNG) == interrupts
+    info = uno.next_frame(Info, 0.2) if not uno.frames() else uno.info()
+    assert info.nonce != before.nonce
+    assert info.reset_cause & ResetCause.WATCHDOG
+    assert info.reset_cause & ResetCause.WARM
+    assert bool(info.reset_cause & ResetCause.HUNG) == interrupts
 
 
 def test_r6_a_hang_is_reported_even_where_the_boot_loader_hides_the_watchdog(uno):

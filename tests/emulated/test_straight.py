@@ -14,13 +14,13 @@ WAY_M = 5.0
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
 def test_five_metres_with_and_without_the_hold(firmware, yaw_gain):
     file = as_fitted(vehicle_file.load("small"))
-    free, held = (drive(firmware, file, body(file, yaw_gain), hold) for hold in (False, True))
-    print(f"yaw gain {yaw_gain}: free {free.text()}; held {held.text()}")
+    free, holding = (drive(firmware, file, body(file, yaw_gain), hold) for hold in (False, True))
+    print(f"yaw gain {yaw_gain}: free {free.text()}; held {holding.text()}")
     assert abs(free.psi_deg) > 30.0
-    assert abs(held.psi_deg) < 3.0
-    assert held.most_deg < 7.0
-    assert abs(held.beside_m) < 0.2
-    assert np.ptp(held.run.applied[len(held.run.t_s) // 2 :, 2]) < 0.05, "no swinging"
+    assert abs(holding.psi_deg) < 3.0
+    assert holding.most_deg < 7.0
+    assert abs(holding.beside_m) < 0.2
+    assert np.ptp(holding.run.applied[len(holding.run.t_s) // 2 :, 2]) < 0.05, "no swinging"
 
 
 def drive(firmware, file, truth, hold):

@@ -19,7 +19,7 @@ from baqueano.robot.uno.frames import (
 
 def settle(uno, **settings):
     uno.send(Settings(**settings))
-    assert uno.told(Settings, 0.5) == Settings(**settings)
+    assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 def counts(uno):
@@ -104,12 +104,12 @@ def test_r21_quadrature_counts_every_edge_both_ways(uno, rate):
 def test_r14_encoders_that_are_swapped_or_reversed_are_put_right(uno, wiring, signs):
     settle(uno, encoders=Encoders.QUADRATURE, wiring=wiring)
     zero = counts(uno)
-    turned = (120, 70)
+    counts_turned = (120, 70)
     for plug in range(2):
-        uno.encoder(plug, turned[plug], uno.t_s, uno.t_s + 0.05)
+        uno.encoder(plug, counts_turned[plug], uno.t_s, uno.t_s + 0.05)
     uno.run(0.06)
     now = counts(uno)
-    assert [now[k] - zero[k] for k in range(2)] == [sign * turned[plug] for plug, sign in signs]
+    assert [now[k] - zero[k] for k in range(2)] == [sign * counts_turned[plug] for plug, sign in signs]
 
 
 def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
@@ -200,12 +200,12 @@ def test_r23_glitches_and_an_open_pin_count_nothing(uno, new_uno):
         uno.set_mark(False, uno.t_s + 0.03 * k + 0.9e-3)
     uno.run(1.0)
     assert uno.state().mark_count == 0
-    other = new_uno()
-    other.set_mark(True)
-    other.power_cycle()
-    other.run(0.5)
-    assert other.state().mark_count == 0
-    assert other.state().flags & StateFlag.ON_MARK
+    second = new_uno()
+    second.set_mark(True)
+    second.power_cycle()
+    second.run(0.5)
+    assert second.state().mark_count == 0
+    assert second.state().flags & StateFlag.ON_MARK
 
 
 def test_r23_a_sensor_that_is_low_over_the_tape_is_a_setting(uno):
@@ -229,10 +229,10 @@ def test_r24_pong_tells_the_clock_of_a_resonator_that_is_off(new_uno, ppm):
     clocks = []
     for token in (0xDEADBEEF, 1):
         uno.frames()
-        arrived = uno.send(Ping(token))
-        pong = uno.told(Pong)
+        sent_s = uno.send(Ping(token))
+        pong = uno.next_frame(Pong)
         assert pong.token == token
-        clocks.append((arrived, pong.t_us * 1e-6))
+        clocks.append((sent_s, pong.t_us * 1e-6))
         uno.run(2.0)
     (host, mcu), (host2, mcu2) = clocks
     assert (mcu2 - mcu) / (host2 - host) - 1 == pytest.approx(ppm * 1e-6, abs=150e-6)
@@ -249,8 +249,8 @@ def test_r25_telemetry_comes_as_configured(uno, period_ms):
     before = len(uno.transcript)
     uno.run(20 * period_ms / 1000)
     uno.frames()
-    told = [r.frame for _, r in uno.transcript[before:] if isinstance(r.frame, State)]
-    gaps = [(b.t_us - a.t_us) / 1000 for a, b in itertools.pairwise(told)]
+    states = [r.frame for _, r in uno.transcript[before:] if isinstance(r.frame, State)]
+    gaps = [(b.t_us - a.t_us) / 1000 for a, b in itertools.pairwise(states)]
     assert len(gaps) >= 17
     assert all(gap == pytest.approx(period_ms, abs=1.0) for gap in gaps)
 
@@ -272,12 +272,12 @@ def test_r25_every_frame_is_whole_under_load(uno):
         uno.run(0.01)
     uno.run(0.05)
     uno.frames()
-    told = [r for _, r in uno.transcript[before:]]
+    frames = [r for _, r in uno.transcript[before:]]
     assert uno.decoder.bad_crc == uno.decoder.bad_shape == 0
-    sequences = [r.seq for r in told]
+    sequences = [r.seq for r in frames]
     assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(sequences)), "one lost on the way"
-    assert [r.frame.token for r in told if isinstance(r.frame, Pong)] == list(range(pings))
-    assert len([r for r in told if isinstance(r.frame, State)]) >= 100
+    assert [r.frame.token for r in frames if isinstance(r.frame, Pong)] == list(range(pings))
+    assert len([r for r in frames if isinstance(r.frame, State)]) >= 100
     info = uno.info()
     assert (info.bad_crc, info.bad_shape, info.old_sequence) == (0, 0, 0)
     assert uno.state().overruns == 0

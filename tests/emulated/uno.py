@@ -89,7 +89,7 @@ class EmulatedUno:
 
     def __init__(
         self,
-        built: Built,
+        build: Built,
         *,
         ppm: float = 0.0,
         battery_v: float = 7.4,
@@ -98,9 +98,9 @@ class EmulatedUno:
         boot_loader: Path | None = None,
         flashed: bool = True,
     ) -> None:
-        self.lib = built.library
-        self.rig = self.lib.rig_new(None if boot_loader else str(built.elf).encode())
-        assert self.rig, f"simavr does not read {built.elf}"
+        self.lib = build.library
+        self.rig = self.lib.rig_new(None if boot_loader else str(build.elf).encode())
+        assert self.rig, f"simavr does not read {build.elf}"
         self.hz = HZ * (1 + ppm * 1e-6)
         self.driver = driver
         self.seq = 0
@@ -114,7 +114,7 @@ class EmulatedUno:
         self.clock_began_s = 0.0
         if boot_loader:
             chunks = [(at, data) for at, data in hex_chunks(boot_loader) if at + len(data) <= FLASH]
-            program = hex_chunks(built.hex) if flashed else ()
+            program = hex_chunks(build.hex) if flashed else ()
             for at, data in (*program, *chunks):
                 self.lib.rig_flash(self.rig, at, data, len(data))
             self.lib.rig_start_at(self.rig, min(at for at, _ in chunks))
@@ -142,8 +142,8 @@ class EmulatedUno:
 
     def run_until(self, t_s: float) -> None:
         """Lets the core work until then; it ends within an instruction of it, never earlier."""
-        ended = self.lib.rig_run_until(self.rig, max(0, math.ceil(t_s * self.hz - 1e-6)))
-        assert not ended, f"the core stopped at {self.t_s:.6f} s, pc 0x{self.lib.rig_pc(self.rig):04x}"
+        end_code = self.lib.rig_run_until(self.rig, max(0, math.ceil(t_s * self.hz - 1e-6)))
+        assert not end_code, f"the core stopped at {self.t_s:.6f} s, pc 0x{self.lib.rig_pc(self.rig):04x}"
 
     def run(self, dt_s: float) -> None:
         self.run_until(self.t_s + dt_s)
@@ -166,16 +166,16 @@ class EmulatedUno:
     def read_stamped(self) -> list[tuple[float, int]]:
         """The same with the times at which they arrived."""
         out, n = self.lib.rig_out(self.rig), self.lib.rig_outs(self.rig)
-        now, found = self.t_s, []
+        now, frames = self.t_s, []
         while self._read < n:
-            arrived = out[self._read].cycle / self.hz + BYTE_S
-            if arrived > now:
-                return found
-            found.append((arrived, out[self._read].byte))
+            arrival_s = out[self._read].cycle / self.hz + BYTE_S
+            if arrival_s > now:
+                return frames
+            frames.append((arrival_s, out[self._read].byte))
             self._read += 1
         self.lib.rig_clear_out(self.rig)
         self._read = 0
-        return found
+        return frames
 
     # Frames
 
@@ -189,11 +189,11 @@ class EmulatedUno:
         """What the firmware said since the last call."""
         new: list[tuple[float, ReceivedFrame]] = []
         for t_s, byte in self.read_stamped():
-            new += [(t_s, received) for received in self.decoder.feed(bytes([byte]))]
+            new += [(t_s, frame_received) for frame_received in self.decoder.feed(bytes([byte]))]
         self.transcript += new
-        return [received.frame for _, received in new]
+        return [frame_received.frame for _, frame_received in new]
 
-    def told(self, kind: type, within_s: float = 0.05) -> Frame:
+    def next_frame(self, kind: type, within_s: float = 0.05) -> Frame:
         """Runs until the firmware says a frame of this kind."""
         end = self.t_s + within_s
         while self.t_s < end:
@@ -207,7 +207,7 @@ class EmulatedUno:
         """Telemetry that was made after now."""
         now = self.t_s
         while True:
-            frame = self.told(State, 0.3)
+            frame = self.next_frame(State, 0.3)
             if self.transcript[-1][0] > now + 46 * BYTE_S:
                 return frame  # pyright: ignore[reportReturnType]
 
@@ -216,7 +216,7 @@ class EmulatedUno:
         self.run_until(self._line_free_s + 0.01)
         self.frames()
         self.send(AskInfo())
-        return self.told(Info)  # pyright: ignore[reportReturnType]
+        return self.next_frame(Info)  # pyright: ignore[reportReturnType]
 
     def drive(self, left: int, right: int, flags: int = DriveFlag.ARM, ttl_10ms: int = 0, **send) -> float:
         """A command with the nonce of this session, the pins read at once."""
@@ -224,11 +224,11 @@ class EmulatedUno:
 
     def nonce(self) -> int:
         if not any(isinstance(r.frame, State) for _, r in self.transcript):
-            self.told(State, 0.3)
+            self.next_frame(State, 0.3)
         return next(r.frame.nonce for _, r in reversed(self.transcript) if isinstance(r.frame, State))
 
     def arm(self) -> None:
-        self.told(State, 0.3)
+        self.next_frame(State, 0.3)
         self.run_until(self.drive(0, 0) + 1e-3)
 
     def hold(self, left: int, right: int, seconds: float, period_s: float = 0.02) -> None:
@@ -250,12 +250,12 @@ class EmulatedUno:
         n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
         return [
             Output(
-                one.cycle / self.hz,
-                (one.pwm[0], one.pwm[1]) if one.driven else (0.0, 0.0),
-                ((one.inputs[0][0], one.inputs[0][1]), (one.inputs[1][0], one.inputs[1][1])),
-                one.standby,
+                level.cycle / self.hz,
+                (level.pwm[0], level.pwm[1]) if level.driven else (0.0, 0.0),
+                ((level.inputs[0][0], level.inputs[0][1]), (level.inputs[1][0], level.inputs[1][1])),
+                level.standby,
             )
-            for one in levels[:n]
+            for level in levels[:n]
         ]
 
     def forget_outputs(self) -> None:
@@ -264,10 +264,13 @@ class EmulatedUno:
     def output(self) -> Output:
         """The motor pins now."""
         n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
-        one = levels[n - 1]
-        inputs = ((one.inputs[0][0], one.inputs[0][1]), (one.inputs[1][0], one.inputs[1][1]))
+        level = levels[n - 1]
+        inputs = ((level.inputs[0][0], level.inputs[0][1]), (level.inputs[1][0], level.inputs[1][1]))
         return Output(
-            one.cycle / self.hz, (one.pwm[0], one.pwm[1]) if one.driven else (0.0, 0.0), inputs, one.standby
+            level.cycle / self.hz,
+            (level.pwm[0], level.pwm[1]) if level.driven else (0.0, 0.0),
+            inputs,
+            level.standby,
         )
 
     def duty(self, channel: int) -> float:
@@ -339,23 +342,23 @@ class EmulatedUno:
         return self.lib.rig_resets(self.rig)
 
     def eeprom(self) -> bytes:
-        held = bytes(1024)
-        self.lib.rig_eeprom_read(self.rig, 0, held, 1024)
-        return held
+        memory = bytes(1024)
+        self.lib.rig_eeprom_read(self.rig, 0, memory, 1024)
+        return memory
 
     def flash(self, at: int, n: int) -> bytes:
-        held = bytes(n)
-        self.lib.rig_flash_read(self.rig, at, held, n)
-        return held
+        memory = bytes(n)
+        self.lib.rig_flash_read(self.rig, at, memory, n)
+        return memory
 
     def ram(self, at: int, n: int) -> bytes:
-        held = bytes(n)
-        self.lib.rig_ram_read(self.rig, at, held, n)
-        return held
+        memory = bytes(n)
+        self.lib.rig_ram_read(self.rig, at, memory, n)
+        return memory
 
-    def _put(self, what: int, place: int, value: int, at_s: float | None) -> None:
+    def _put(self, kind: int, place: int, value: int, at_s: float | None) -> None:
         cycle = round((self.t_s if at_s is None else at_s) * self.hz)
-        self.lib.rig_put(self.rig, cycle, what, place, value)
+        self.lib.rig_put(self.rig, cycle, kind, place, value)
 
 
 def hex_chunks(path: Path) -> Iterator[tuple[int, bytes]]:

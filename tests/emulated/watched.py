@@ -15,23 +15,23 @@ from baqueano.cli import main
 from baqueano.robot.service.realtime import Systemd
 
 
-def told(**modules: Any) -> None:
+def write_line(**modules: Any) -> None:
     """A line."""
     with Path(os.environ["WATCHED"]).open("a", encoding="utf-8") as out:
-        out.write(json.dumps({name: sorted(found) for name, found in modules.items()}) + "\n")
+        out.write(json.dumps({name: sorted(names) for name, names in modules.items()}) + "\n")
 
 
 def watch_start() -> None:
     """Tells at READY=1, and from then on of drives."""
     say = Systemd.say
 
-    def watched(self: Systemd, words: str) -> None:
+    def say_and_watch(self: Systemd, words: str) -> None:
         if words == "READY=1":
-            told(ready=sys.modules)
+            write_line(ready=sys.modules)
             watch_ticks()
         say(self, words)
 
-    Systemd.say = watched
+    Systemd.say = say_and_watch
 
 
 def watch_ticks() -> None:
@@ -40,7 +40,7 @@ def watch_ticks() -> None:
 
     ticks = Service._ticks
 
-    def watched(self: Service, *arguments: Any) -> Iterator[int]:
+    def ticks_and_watch(self: Service, *arguments: Any) -> Iterator[int]:
         first, late = set[str](), set[str]()
         try:
             for t_ns in ticks(self, *arguments):
@@ -49,9 +49,9 @@ def watch_ticks() -> None:
                 yield t_ns
         finally:
             if first:  # it began
-                told(late=late)
+                write_line(late=late)
 
-    Service._ticks = watched
+    Service._ticks = ticks_and_watch
 
 
 watch_start()

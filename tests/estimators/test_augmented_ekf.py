@@ -44,8 +44,8 @@ def tick(k, imu=None, speed=None, u=U):
 
 def run(block, ticks, belief=None):
     belief, estimate = block.init() if belief is None else belief, None
-    for one in ticks:
-        belief, estimate = block.step(belief, one)
+    for tick in ticks:
+        belief, estimate = block.step(belief, tick)
     return belief, estimate
 
 
@@ -59,24 +59,24 @@ def test_heading_is_the_integral_of_the_gyro_where_the_model_turns_wrongly(rate)
 
 def test_without_a_speed_sensor_the_speed_is_that_of_the_model():
     silent, _ = run(filter_of(), (tick(k) for k in range(1, 200)))
-    turned, _ = run(filter_of(), (tick(k, (3.0, -2.0, 4.0)) for k in range(1, 200)))
-    assert turned.mean[3] == pytest.approx(silent.mean[3], rel=1e-9)
+    turning, _ = run(filter_of(), (tick(k, (3.0, -2.0, 4.0)) for k in range(1, 200)))
+    assert turning.mean[3] == pytest.approx(silent.mean[3], rel=1e-9)
     assert silent.mean[3] > 0.2
 
 
 def test_trusted_accelerometers_move_the_speed():
     trusted = filter_of(speed_from=("imu[1]",))
     plain, _ = run(filter_of(), (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
-    moved, _ = run(trusted, (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
-    assert abs(moved.mean[3] - plain.mean[3]) > 0.05
+    moving, _ = run(trusted, (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
+    assert abs(moving.mean[3] - plain.mean[3]) > 0.05
 
 
 def test_an_odometer_leads_the_speed_and_leaves_the_heading_to_the_gyro():
     both = filter_of(use=("imu", "odometer"))
     belief, estimate = run(both, (tick(k, (0.0, 0.0, 1.0), 0.6) for k in range(1, 200)))
-    alone, _ = run(filter_of(), (tick(k, (0.0, 0.0, 1.0)) for k in range(1, 200)))
+    gyro_only, _ = run(filter_of(), (tick(k, (0.0, 0.0, 1.0)) for k in range(1, 200)))
     assert estimate.nu[0] == pytest.approx(0.6, abs=0.01)
-    assert wrap(belief.mean[2] - alone.mean[2]) == pytest.approx(0.0, abs=1e-3)
+    assert wrap(belief.mean[2] - gyro_only.mean[2]) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_what_a_walk_gives_to_a_velocity_fades_within_the_tick():
@@ -90,12 +90,12 @@ def test_what_turns_a_vehicle_moves_an_origin_that_lies_ahead_of_what_turns_in_p
     """ν_y = l ν_ψ of a car, also of what its gyro corrects, and the claim knows that they belong together."""
     car = load("car")
     block = compiled(car.estimator(use=("imu",)), "c")
-    still = [Slot(0.0, np.zeros(one.size)) for one in car.sensors]
+    resting = [Slot(0.0, np.zeros(sensor.size)) for sensor in car.sensors]
     slots, l = type(block.sensors), car.vehicle.rear_axle_m
     belief = block.init()
     for k, rate in enumerate([0.0] * 50 + [0.4] * 50):
-        read = slots(*still)._replace(imu=Slot(1.0, np.array([0.0, 0.0, rate])))
-        belief, _ = block.step(belief, Tick((k + 1) * 2 * PERIOD_NS, np.array([0.3, 0.0]), read))
+        readings = slots(*resting)._replace(imu=Slot(1.0, np.array([0.0, 0.0, rate])))
+        belief, _ = block.step(belief, Tick((k + 1) * 2 * PERIOD_NS, np.array([0.3, 0.0]), readings))
     assert belief.mean[4] == pytest.approx(l * belief.mean[5], rel=1e-3)
     assert belief.cov[4, 5] == pytest.approx(l * belief.cov[5, 5], rel=1e-3)
     assert belief.cov[4, 4] == pytest.approx(l**2 * belief.cov[5, 5], rel=0.1)
@@ -103,18 +103,18 @@ def test_what_turns_a_vehicle_moves_an_origin_that_lies_ahead_of_what_turns_in_p
 
 def test_a_bias_is_learned_at_rest_and_not_while_it_drives():
     rest = [tick(k, (0.1, 0.0, 0.004), u=(0.0, 0.0, 0.0)) for k in range(1, 300)]
-    still, _ = run(filter_of(), rest)
+    resting, _ = run(filter_of(), rest)
     driving, _ = run(filter_of(), (tick(k, (0.1, 0.0, 0.004)) for k in range(1, 300)))
-    assert still.mean[-1] == pytest.approx(0.004, rel=0.1)
+    assert resting.mean[-1] == pytest.approx(0.004, rel=0.1)
     assert driving.mean[-1] == 0.0
-    assert np.sqrt(still.cov[-1, -1]) < 0.4 * IMU.gyro_bias_std
-    assert still.mean[:6] == pytest.approx(np.zeros(6), abs=2e-3)
+    assert np.sqrt(resting.cov[-1, -1]) < 0.4 * IMU.gyro_bias_std
+    assert resting.mean[:6] == pytest.approx(np.zeros(6), abs=2e-3)
 
 
 def test_who_is_carried_while_at_rest_is_not_held_at_rest():
     rest, _ = run(filter_of(), (tick(k, (0, 0, 0), u=(0, 0, 0)) for k in range(1, 200)))
-    _, carried = run(filter_of(), (tick(k, (0, 0, 1.0), u=(0, 0, 0)) for k in range(200, 230)), rest)
-    assert carried.nu[2] == pytest.approx(1.0, rel=0.02)
+    _, carried_estimate = run(filter_of(), (tick(k, (0, 0, 1.0), u=(0, 0, 0)) for k in range(200, 230)), rest)
+    assert carried_estimate.nu[2] == pytest.approx(1.0, rel=0.02)
 
 
 def test_a_spike_is_left_out_and_a_turn_that_lasts_is_followed():
@@ -122,8 +122,8 @@ def test_a_spike_is_left_out_and_a_turn_that_lasts_is_followed():
     spike, _ = run(filter_of(), [tick(100, (0, 0, 17.0))], belief)
     silent, _ = run(filter_of(), [tick(100)], belief)
     assert spike.mean[:8] == pytest.approx(silent.mean[:8], abs=1e-3)
-    _, turned = run(filter_of(), (tick(k, (0, 0, 0.9)) for k in range(100, 104)), belief)
-    assert turned.nu[2] == pytest.approx(0.9, rel=0.05)
+    _, turning = run(filter_of(), (tick(k, (0, 0, 0.9)) for k in range(100, 104)), belief)
+    assert turning.nu[2] == pytest.approx(0.9, rel=0.05)
 
 
 def test_what_is_absurd_is_never_followed():
@@ -152,8 +152,10 @@ def test_one_number_that_is_not_finite_leaves_the_others_of_its_sensor(bad):
 def test_scales_are_considered_and_widen_the_heading_by_what_was_turned():
     belief, estimate = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(1, 500)))
     assert belief.mean[SCALES:BIASES] == pytest.approx(np.zeros(4), abs=1e-12)
-    turned, bias = 2.0 * 5.0, IMU.gyro_bias_std * 5.0
-    assert np.sqrt(estimate.cov[2, 2]) == pytest.approx(np.hypot(IMU.gyro_scale_std * turned, bias), rel=0.05)
+    turn_rad, bias = 2.0 * 5.0, IMU.gyro_bias_std * 5.0
+    assert np.sqrt(estimate.cov[2, 2]) == pytest.approx(
+        np.hypot(IMU.gyro_scale_std * turn_rad, bias), rel=0.05
+    )
 
 
 def test_a_pose_sensor_corrects_everything():
@@ -190,8 +192,10 @@ def test_heading_is_as_wrong_as_claimed_on_robots_of_the_independent_truth():
     for k, row in enumerate(u):
         z = world.tick(np.tile(row, (len(seeds), 1)), 0.01)
         z[:, 2] = scale * (z[:, 2] - robots.imu.bias[:, 2]) + bias
-        ticks_of_all = [Tick((k + 1) * PERIOD_NS, row, sensors(Slot(1.0, one))) for one in z]
-        steps = [block.step(belief, one) for belief, one in zip(beliefs, ticks_of_all, strict=True)]
+        ticks_of_all = [Tick((k + 1) * PERIOD_NS, row, sensors(Slot(1.0, row_z))) for row_z in z]
+        steps = [
+            block.step(belief, each_tick) for belief, each_tick in zip(beliefs, ticks_of_all, strict=True)
+        ]
         beliefs = [belief for belief, _ in steps]
     error = wrap(np.array([estimate.eta[2] for _, estimate in steps]) - world.truth.eta[:, 2])
     assert 0.58 < np.mean(error**2 / [estimate.cov[2, 2] for _, estimate in steps]) < 1.52

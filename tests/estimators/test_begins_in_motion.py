@@ -55,6 +55,6 @@ def test_the_speed_is_held_from_the_first_tick(kind):
 
 @pytest.mark.parametrize("kind", BLOCKS)
 def test_from_rest_the_delay_passes_first(kind):
-    held = speeds(BLOCKS[kind], np.zeros(3))
-    assert np.all(np.abs(held[:3]) < 1e-12)
-    assert held[-1] > 0.005
+    from_rest = speeds(BLOCKS[kind], np.zeros(3))
+    assert np.all(np.abs(from_rest[:3]) < 1e-12)
+    assert from_rest[-1] > 0.005

@@ -52,11 +52,11 @@ def test_quick_changes_are_those_of_the_model_and_fade_with_the_blend_time():
     n, time_s, lag_s = 400, 0.5, 0.61 / 1.2
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": np.zeros((n, 1))}
-    _, found = through(blended(ODOMETER, blend_time_s=time_s), u, z)
+    _, motion = through(blended(ODOMETER, blend_time_s=time_s), u, z)
     t_s, rates = DT * np.arange(1, n + 1), np.array([1.0 / lag_s, 1.0 / time_s])
     fading = np.exp(-np.outer(t_s, rates))
     exact = 0.5 / lag_s * (fading[:, 1] - fading[:, 0]) / (rates[0] - rates[1])
-    np.testing.assert_allclose(found.nu[:, 0], exact, atol=0.01)
+    np.testing.assert_allclose(motion.nu[:, 0], exact, atol=0.01)
 
 
 def test_wheels_that_are_silent_half_of_the_time_pull_only_when_they_speak():
@@ -69,16 +69,16 @@ def test_wheels_that_are_silent_half_of_the_time_pull_only_when_they_speak():
     )
     quiet = Tick(10_000_000, np.zeros(3), silent({"imu": 3, "odometer": 1}))
     ticks = Tick(10_000_000 * np.arange(1, n + 1), np.zeros((n, 3)), slots)
-    _, found = scan(block.step, block.init(), quiet).run(ticks)
-    assert found.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
+    _, motion = scan(block.step, block.init(), quiet).run(ticks)
+    assert motion.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
 
 
 def test_slow_changes_are_those_of_the_wheels_for_any_model_says():
     n = 1000
     v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}
-    _, found = through(blended(ODOMETER, blend_time_s=0.1), np.zeros((n, 3)), z)
-    np.testing.assert_allclose(found.nu[:, 0], v, atol=0.01)
+    _, motion = through(blended(ODOMETER, blend_time_s=0.1), np.zeros((n, 3)), z)
+    np.testing.assert_allclose(motion.nu[:, 0], v, atol=0.01)
 
 
 def test_ticks_that_are_rarer_than_the_file_says_turn_it_as_far():
@@ -95,8 +95,8 @@ def test_ticks_that_are_rarer_than_the_file_says_turn_it_as_far():
 def test_without_wheels_the_speed_is_that_of_the_model():
     n = 800
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
-    _, found = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
-    assert found.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
+    _, motion = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
+    assert motion.nu[-1, 0] == pytest.approx(1.5 * 0.4 / 1.2, rel=0.01)
     block, quiet = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
     _, estimate = block.step(
         block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), quiet
@@ -107,28 +107,28 @@ def test_without_wheels_the_speed_is_that_of_the_model():
 def test_the_bias_of_the_gyro_is_learned_at_rest_and_only_there():
     n = 600
     off = np.array([0.0, 0.0, 0.03]) + of_motion(np.zeros((n, 3)), np.zeros((n, 3)))
-    rest, found = through(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": off})
+    rest, motion = through(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": off})
     assert float(rest.bias) == pytest.approx(0.03 / 1.03, rel=0.01)
-    assert abs(found.nu[-1, 2]) < 1e-3
+    assert abs(motion.nu[-1, 2]) < 1e-3
     driving, _ = through(blended(rest_time_s=0.5), np.tile([0.4, 0.0, 0.0], (n, 1)), {"imu": off})
     assert float(driving.bias) == 0.0
-    turned, _ = through(
+    turning_state, _ = through(
         blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": np.array([0.0, 0.0, 1.0]) + off}
     )  # by hand
-    assert float(turned.bias) == 0.0
+    assert float(turning_state.bias) == 0.0
 
 
 def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
     n, start = 400, np.array([3.0, -2.0, 2.9])
     nu = np.tile([0.2, 0.0, 0.8], (n, 1))
     z = {"imu": of_motion(nu, 0.0 * nu), "odometer": 1.02 * nu[:, :1]}
-    _, here = through(blended(ODOMETER), np.zeros((n, 3)), z)
-    _, there = through(blended(ODOMETER), np.zeros((n, 3)), z, start)
-    moved = np.array([compose(start, eta) for eta in here.eta])
-    np.testing.assert_allclose(there.eta[:, :2], moved[:, :2], atol=1e-12)
-    np.testing.assert_allclose(wrap(there.eta[:, 2] - moved[:, 2]), 0.0, atol=1e-12)
-    assert np.all(np.abs(there.eta[:, 2]) <= np.pi)
-    assert np.min(there.eta[:, 2]) < -3.0
+    _, original = through(blended(ODOMETER), np.zeros((n, 3)), z)
+    _, moved_estimate = through(blended(ODOMETER), np.zeros((n, 3)), z, start)
+    moved_poses = np.array([compose(start, eta) for eta in original.eta])
+    np.testing.assert_allclose(moved_estimate.eta[:, :2], moved_poses[:, :2], atol=1e-12)
+    np.testing.assert_allclose(wrap(moved_estimate.eta[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-12)
+    assert np.all(np.abs(moved_estimate.eta[:, 2]) <= np.pi)
+    assert np.min(moved_estimate.eta[:, 2]) < -3.0
 
 
 def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():
@@ -143,9 +143,11 @@ def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():
     z, v = np.zeros((n, ticks, 3)), np.zeros((n, ticks))
     for k in range(ticks):
         z[:, k], v[:, k] = world.tick(np.tile(u[k], (n, 1)), DT), world.truth.nu[:, 0]
-    read = v + 0.05 * rng.standard_normal(v.shape)
-    found = [through(block, u, {"imu": z[i], "odometer": read[i][:, None]})[1].nu[:, 0] for i in range(n)]
-    assert np.sqrt(np.mean((np.array(found) - v) ** 2)) < 0.5 * 0.05
+    readings = v + 0.05 * rng.standard_normal(v.shape)
+    speeds = [
+        through(block, u, {"imu": z[i], "odometer": readings[i][:, None]})[1].nu[:, 0] for i in range(n)
+    ]
+    assert np.sqrt(np.mean((np.array(speeds) - v) ** 2)) < 0.5 * 0.05
 
 
 @pytest.mark.parametrize("name", ["small", "car"])

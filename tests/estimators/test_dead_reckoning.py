@@ -38,16 +38,16 @@ R = np.diag([1e-6, 1e-8, 1e-6, 1.0, 1.0, 1.0])
 WHERE = {"x": 0, "y": 1, "heading": 2}
 
 
-def sensors(**named):
-    return sensor_slots(tuple(named))(*named.values())
+def sensors(**sensors_by_name):
+    return sensor_slots(tuple(sensors_by_name))(*sensors_by_name.values())
 
 
-def reckoning(vehicle=SMALL, **named):
-    options = {k: named.pop(k) for k in list(named) if not hasattr(named[k], "h")}
-    return DeadReckoning(vehicle, sensors(**(named or {"imu": IMU})), R, rate_hz=100.0, **options)
+def reckoning(vehicle=SMALL, **fields):
+    options = {k: fields.pop(k) for k in list(fields) if not hasattr(fields[k], "h")}
+    return DeadReckoning(vehicle, sensors(**(fields or {"imu": IMU})), R, rate_hz=100.0, **options)
 
 
-def driven(n, t_s):
+def drive_truth(n, t_s):
     """ν (N + 1, 3) of a slalom, and η (N + 1, 3) that 1 ms steps make of it."""
     fine = np.arange(n * 10 + 1) * 1e-3
     v, w = 0.3 * (1.0 - np.exp(-fine / 0.3)), 0.5 + 1.2 * np.sin(0.9 * fine)
@@ -91,7 +91,7 @@ def test_the_covariance_is_that_of_a_monte_carlo(speed):
     sensor = replace(sensor, **{"radius_scale_std" if name == "wheels" else "scale_std": speed_std})
     first = np.concatenate([start_std, [1e-3, 1e-3, 1e-3]])
     reckon = reckoning(WHEELED, imu=imu, **{name: sensor}, initial_std=first)
-    nu, eta = driven(n, 1e9)
+    nu, eta = drive_truth(n, 1e9)
     w = nu[1:, 2]
     if name == "wheels":
         ideal = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * w, nu[1:, 0] + 0.06 * w], 1)
@@ -104,15 +104,15 @@ def test_the_covariance_is_that_of_a_monte_carlo(speed):
         gyro = 1.03 * (1.0 + gyro_std * rng.standard_normal()) * w + bias
         z = np.column_stack([np.zeros((n, 2)), gyro + 0.005 * rng.standard_normal(n)])
         scale = 1.0 + speed_std * rng.standard_normal()
-        read = {"imu": z, name: scale * ideal + 0.02 * rng.standard_normal(ideal.shape)}
-        belief, _ = kernel.run(ticks_of(reckon, read))
-        begun = start_std * rng.standard_normal(3)
-        truth = compose(begun, eta[-1])
+        readings = {"imu": z, name: scale * ideal + 0.02 * rng.standard_normal(ideal.shape)}
+        belief, _ = kernel.run(ticks_of(reckon, readings))
+        start_eta = start_std * rng.standard_normal(3)
+        truth = compose(start_eta, eta[-1])
         errors.append([*(truth - belief.mean[:3])[:2], wrap(truth[2] - belief.mean[2])])
     low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], runs) / runs
     variances = np.mean(np.square(errors), axis=0) / np.diag(belief.cov)[:3]
-    for what, k in WHERE.items():
-        assert low < variances[k] < high, f"{what}: {variances[k]:.3f} of the claimed variance"
+    for quantity, k in WHERE.items():
+        assert low < variances[k] < high, f"{quantity}: {variances[k]:.3f} of the claimed variance"
 
 
 def test_without_wheels_it_is_the_models_speed_with_the_models_doubt():
@@ -179,15 +179,17 @@ def test_what_a_late_reading_shows_was_missing_for_its_age(late):
     """On a curve that begins, swings and ends: the age costs no heading, neither on the way nor at its end."""
     n = 600
     reckon = reckoning(WHEELED, imu=replace(IMU, **late), odometer=ODOMETER)
-    nu, eta = driven(n, 4.0)
+    nu, eta = drive_truth(n, 4.0)
     fine = np.interp(np.arange(n * 10) * 1e-3, np.arange(n + 1) * DT, nu[:, 2])
     if "delay_s" in late:
-        shown = np.concatenate([np.zeros(30), fine[:-30]])
+        delayed_signal = np.concatenate([np.zeros(30), fine[:-30]])
     else:
-        shown, tau_s = np.zeros_like(fine), 0.5 / (np.pi * 5.0)
+        delayed_signal, tau_s = np.zeros_like(fine), 0.5 / (np.pi * 5.0)
         for k in range(1, len(fine)):
-            shown[k] = fine[k] + (shown[k - 1] - fine[k]) * np.exp(-1e-3 / tau_s)
-    z = np.column_stack([np.zeros((n, 2)), 1.03 * np.append(shown[10::10], shown[-1]) + 0.02])
+            delayed_signal[k] = fine[k] + (delayed_signal[k - 1] - fine[k]) * np.exp(-1e-3 / tau_s)
+    z = np.column_stack(
+        [np.zeros((n, 2)), 1.03 * np.append(delayed_signal[10::10], delayed_signal[-1]) + 0.02]
+    )
     _, estimates = kernel_of(reckon).run(ticks_of(reckon, {"imu": z, "odometer": 1.02 * nu[1:, :1]}))
     assert np.max(np.abs(wrap(estimates.eta[:, 2] - eta[1:, 2]))) < 3e-3
     assert np.max(np.hypot(*(estimates.eta[:, :2] - eta[1:, :2]).T)) < 3e-3
@@ -197,7 +199,7 @@ def test_between_readings_at_a_tenth_of_the_rate_what_the_model_missed_is_made_g
     """Under no command the model slows down: without the last term of (3) the heading would end 1 rad short."""
     n = 2000
     reckon = reckoning(imu=IMU, odometer=ODOMETER)
-    nu, eta = driven(n, 15.0)
+    nu, eta = drive_truth(n, 15.0)
     z, v = np.full((n, 3), np.nan), np.full((n, 1), np.nan)
     z[9::10] = np.column_stack([np.zeros((n // 10, 2)), 1.03 * nu[10::10, 2] + 0.02])
     v[9::10] = 1.02 * nu[10::10, :1]
@@ -206,22 +208,25 @@ def test_between_readings_at_a_tenth_of_the_rate_what_the_model_missed_is_made_g
 
 
 def test_a_sensor_is_read_for_what_its_h_shows():
-    def shown(**named):
-        return [(r.name, r.rows, r.of) for r in reckoning(**named).readings]
+    def rows_shown(**sensors_by_name):
+        return [(r.name, r.rows, r.of) for r in reckoning(**sensors_by_name).readings]
 
-    assert shown(imu=IMU) == [("imu", (2,), (2,))]
-    assert shown(wheels=WHEELS, imu=IMU) == [("imu", (2,), (2,)), ("wheels", (0, 1), (0,))]
-    assert shown(imu=IMU, odometer=ODOMETER, wheels=WHEELS) == [("imu", (2,), (2,)), ("odometer", (0,), (0,))]
-    assert shown(wheels=WHEELS) == [("wheels", (0, 1), (0, 2))]
-    assert shown(pose=Pose(noise_std=np.full(3, 0.01)), odometer=ODOMETER) == [("odometer", (0,), (0,))]
-    assert shown(imu=IMU, odometer=ODOMETER, use=("odometer",)) == [("odometer", (0,), (0,))]
+    assert rows_shown(imu=IMU) == [("imu", (2,), (2,))]
+    assert rows_shown(wheels=WHEELS, imu=IMU) == [("imu", (2,), (2,)), ("wheels", (0, 1), (0,))]
+    assert rows_shown(imu=IMU, odometer=ODOMETER, wheels=WHEELS) == [
+        ("imu", (2,), (2,)),
+        ("odometer", (0,), (0,)),
+    ]
+    assert rows_shown(wheels=WHEELS) == [("wheels", (0, 1), (0, 2))]
+    assert rows_shown(pose=Pose(noise_std=np.full(3, 0.01)), odometer=ODOMETER) == [("odometer", (0,), (0,))]
+    assert rows_shown(imu=IMU, odometer=ODOMETER, use=("odometer",)) == [("odometer", (0,), (0,))]
     with refused("field.use", ValueError, found="gps", known="imu"):
         reckoning(use=("gps",))
 
 
 def test_wheels_alone_turn_it_too():
     n = 500
-    nu, eta = driven(n, 1e9)
+    nu, eta = drive_truth(n, 1e9)
     z = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * nu[1:, 2], nu[1:, 0] + 0.06 * nu[1:, 2]], 1)
     reckon = reckoning(WHEELED, wheels=WHEELS)
     belief, _ = kernel_of(reckon).run(ticks_of(reckon, {"wheels": z}))
@@ -250,18 +255,18 @@ def test_a_car_slips_sideways_only_as_its_rear_axle_says():
 def test_moving_and_turning_the_map_moves_and_turns_the_estimate(turn):
     start, n = np.array([3.0, -2.0, turn]), 300
     reckon = reckoning(imu=IMU, odometer=ODOMETER, initial_std=np.full(6, 0.01))
-    nu, _ = driven(n, 1e9)
+    nu, _ = drive_truth(n, 1e9)
     ticks = ticks_of(reckon, {"imu": np.column_stack([0 * nu[1:, :2], nu[1:, 2]]), "odometer": nu[1:, :1]})
     kernel = kernel_of(reckon)
-    here, _ = kernel.run(ticks, carry=reckon.init())
-    there, _ = kernel.run(ticks, carry=reckon.init(eta=start))
-    moved = compose(start, here.mean[:3])
-    np.testing.assert_allclose(there.mean[:2], moved[:2], atol=1e-12)
-    assert abs(wrap(there.mean[2] - moved[2])) < 1e-12
-    assert abs(there.mean[2]) <= np.pi
+    original, _ = kernel.run(ticks, carry=reckon.init())
+    moved_estimate, _ = kernel.run(ticks, carry=reckon.init(eta=start))
+    moved_pose = compose(start, original.mean[:3])
+    np.testing.assert_allclose(moved_estimate.mean[:2], moved_pose[:2], atol=1e-12)
+    assert abs(wrap(moved_estimate.mean[2] - moved_pose[2])) < 1e-12
+    assert abs(moved_estimate.mean[2]) <= np.pi
     J = np.eye(9)
     J[:3, :3] = map_from_body(turn)
-    np.testing.assert_allclose(there.cov, J @ here.cov @ J.T, atol=1e-12)
+    np.testing.assert_allclose(moved_estimate.cov, J @ original.cov @ J.T, atol=1e-12)
 
 
 def test_heading_crosses_pi_between_two_ticks_without_a_jump():

@@ -47,21 +47,21 @@ def estimates(z: np.ndarray, has: np.ndarray | None = None):
     return tuple(np.array(column) for column in zip(*out, strict=True))
 
 
-def readings(how: str) -> np.ndarray:
+def readings(fault: str) -> np.ndarray:
     z, true = run().sensors["imu"].z.copy(), run().truth
     assert true is not None
-    if how == "stuck":
+    if fault == "stuck":
         z[AT, 2] = z[np.argmax(AT), 2]
-    elif how == "zero":
+    elif fault == "zero":
         z[AT, 2] = 0.0
-    elif how == "off":
+    elif fault == "off":
         z[AT, 2] += 1.0
     return z
 
 
-@pytest.mark.parametrize("how", ["stuck", "zero", "off"])
-def test_the_heading_stays_inside_its_region_while_a_gyro_is_wrong_and_after(how):
-    eta, nu, cov = estimates(readings(how))
+@pytest.mark.parametrize("fault", ["stuck", "zero", "off"])
+def test_the_heading_stays_inside_its_region_while_a_gyro_is_wrong_and_after(fault):
+    eta, nu, cov = estimates(readings(fault))
     true = run().truth
     e = wrap(eta[:, 2] - true.eta[:, 2])
     inside = np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])
@@ -73,9 +73,9 @@ def test_the_heading_stays_inside_its_region_while_a_gyro_is_wrong_and_after(how
 
 def test_a_model_that_turns_half_as_hard_has_the_truth_in_its_region():
     gain = 0.5 * SMALL.vehicle.actuator_matrix[2, 2]
-    other = simulate(SMALL.with_values({"model.actuator_matrix[2,2]": gain}), U, 0)
-    eta, _, cov = estimates(other.sensors["imu"].z)
-    e = wrap(eta[:, 2] - other.truth.eta[:, 2])
+    heavier = simulate(SMALL.with_values({"model.actuator_matrix[2,2]": gain}), U, 0)
+    eta, _, cov = estimates(heavier.sensors["imu"].z)
+    e = wrap(eta[:, 2] - heavier.truth.eta[:, 2])
     assert np.mean(np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])) >= 0.95
 
 
@@ -102,8 +102,8 @@ def test_one_reading_that_is_not_a_number_leaves_no_trace(bad):
     """Bit by bit the estimate of an IMU that was silent in that tick."""
     z, has = run().sensors["imu"].z.copy(), np.ones(len(t_s))
     z[500], has[500] = bad, 0.0
-    for mine, silent in zip(estimates(z), estimates(run().sensors["imu"].z, has), strict=True):
-        assert np.array_equal(mine, silent)
+    for estimate, silent in zip(estimates(z), estimates(run().sensors["imu"].z, has), strict=True):
+        assert np.array_equal(estimate, silent)
 
 
 def test_the_way_grows_by_the_velocity_in_doubt_times_its_time():

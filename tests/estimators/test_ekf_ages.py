@@ -50,14 +50,14 @@ def test_the_papers_filter_that_knows_of_the_delay_is_consistent_and_one_that_do
 
 def test_a_stamp_tells_what_the_file_would(run, small):
     channel = run.sensors["imu"]
-    stamped = channel._replace(t_ns=np.maximum(channel.arrival_ns - round(1e9 * DELAY_S), 0))
-    again = replay(replace(run, sensors=run.sensors | {"imu": stamped}), small)
-    np.testing.assert_allclose(again.estimate.nu, run.estimate.nu, rtol=0.0, atol=1e-12)
+    stamped_channel = channel._replace(t_ns=np.maximum(channel.arrival_ns - round(1e9 * DELAY_S), 0))
+    replayed_run = replay(replace(run, sensors=run.sensors | {"imu": stamped_channel}), small)
+    np.testing.assert_allclose(replayed_run.estimate.nu, run.estimate.nu, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("off_s", [-0.01, 10.0])
 def test_a_stamp_of_another_clock_is_not_an_age(run, small, off_s):
     channel = run.sensors["imu"]
-    other = channel._replace(t_ns=channel.arrival_ns - round(1e9 * off_s))
-    again = replay(replace(run, sensors=run.sensors | {"imu": other}), small)
-    np.testing.assert_array_equal(again.estimate.nu, replay(run, small).estimate.nu)
+    stamped_channel = channel._replace(t_ns=channel.arrival_ns - round(1e9 * off_s))
+    replayed_run = replay(replace(run, sensors=run.sensors | {"imu": stamped_channel}), small)
+    np.testing.assert_array_equal(replayed_run.estimate.nu, replay(run, small).estimate.nu)

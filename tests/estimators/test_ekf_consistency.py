@@ -58,7 +58,7 @@ def lab(ekf):
     return step
 
 
-def squared(e, S):
+def squared_error(e, S):
     return np.einsum("...i,...i", e, np.linalg.solve(S, e[..., None])[..., 0])
 
 
@@ -78,8 +78,8 @@ def test_es8_nees_and_nis_lie_in_their_bands(vehicle):
         _, (truth, mean, cov, y, S) = kernel.run((t_ns, u, noise), carry=(truth, start))
         e = truth - mean
         e[:, 2] = wrap(e[:, 2])
-        nees.append(squared(e, cov))
-        nis.append(squared(y, S))
+        nees.append(squared_error(e, cov))
+        nis.append(squared_error(y, S))
     for k in (20, 100, 299):
         total = np.sum(np.array(nees)[:, k])
         low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], 9 * RUNS)
@@ -106,8 +106,8 @@ def test_es2_the_covariance_is_symmetric_and_positive_over_a_hundred_thousand_ti
         Tick(10_000_000 * np.arange(1, n + 1), u, Sensors(slots))
     )
     assert np.array_equal(cov, np.swapaxes(cov, 1, 2))
-    seen = cov[::97]
-    scale = np.sqrt(np.einsum("kii->ki", seen))
-    assert np.min(np.linalg.eigvalsh(seen / (scale[:, :, None] * scale[:, None, :]))) > 0.0
+    sample = cov[::97]
+    scale = np.sqrt(np.einsum("kii->ki", sample))
+    assert np.min(np.linalg.eigvalsh(sample / (scale[:, :, None] * scale[:, None, :]))) > 0.0
     assert np.isfinite(nu).all()
     assert np.array_equal(belief.cov, cov[-1])

@@ -83,8 +83,8 @@ def test_the_gate_is_the_chi_square_quantile_of_four_sigma():
 def test_es11_a_tick_that_is_repeated_or_late_changes_nothing():
     belief, _ = after(ekf(), GOOD)
     for t in (GOOD[-1], GOOD[2]):
-        again, estimate = ekf().step(belief, t)
-        assert same(again[:4], belief[:4])
+        same_belief, estimate = ekf().step(belief, t)
+        assert same(same_belief[:4], belief[:4])
         assert estimate.t_ns == t.t_ns
 
 
@@ -104,15 +104,15 @@ def test_two_seconds_of_silence_make_it_unsure_but_do_not_stop_it():
 def test_moving_and_turning_the_map_moves_and_turns_the_estimate(mode):
     start = np.array([3.0, -2.0, 2.9])
     ticks = [tick(k, u=(0.5, 0.0, 0.6), z=(0.2, 0.1, 1.0)) for k in range(1, 80)]
-    _, here = after(ekf(mode=mode), ticks)
-    _, there = after(ekf(mode=mode), ticks, ekf(mode=mode).init(eta=start))
-    np.testing.assert_allclose(there.nu, here.nu, atol=1e-12)
-    moved = compose(start, here.eta)
-    np.testing.assert_allclose(wrap(there.eta - moved), 0.0, atol=1e-12)
+    _, original = after(ekf(mode=mode), ticks)
+    _, moved_estimate = after(ekf(mode=mode), ticks, ekf(mode=mode).init(eta=start))
+    np.testing.assert_allclose(moved_estimate.nu, original.nu, atol=1e-12)
+    moved_pose = compose(start, original.eta)
+    np.testing.assert_allclose(wrap(moved_estimate.eta - moved_pose), 0.0, atol=1e-12)
     J = np.eye(6)
     J[:3, :3] = map_from_body(start[2])
     # the standard deviation at the start is a circle, so the turned covariance is the covariance turned
-    np.testing.assert_allclose(there.cov, J @ here.cov @ J.T, atol=1e-12)
+    np.testing.assert_allclose(moved_estimate.cov, J @ original.cov @ J.T, atol=1e-12)
 
 
 def test_es10_heading_crosses_pi_between_two_ticks_without_a_jump():

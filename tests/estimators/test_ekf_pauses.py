@@ -43,7 +43,7 @@ def tick(name, t_ms, z=None, u=None):
     )
 
 
-def driven(name, times, belief=None, backend="c"):
+def drive_ekf(name, times, belief=None, backend="c"):
     belief = ekf(name).init() if belief is None else belief
     for t_ms in times:
         belief, _ = ekf(name, backend).step(belief, tick(name, t_ms))
@@ -54,7 +54,7 @@ def driven(name, times, belief=None, backend="c"):
 def moving(name):
     """A belief at 1 s of a vehicle under its command, and its period [ms]."""
     period = round(1e3 / load(name).rate_hz)
-    return driven(name, range(period, 1001, period)), period
+    return drive_ekf(name, range(period, 1001, period)), period
 
 
 def random_ticks(name, n, seed, shortest_s=0.0, longest_s=10.0):
@@ -104,7 +104,7 @@ def test_after_a_pause_the_belief_is_that_of_silent_ticks(name, pause_ms, backen
     belief, period = moving(name)
     block = ekf(name).block if backend == "plain" else ekf(name)
     paused, _ = block.step(belief, tick(name, 1000 + pause_ms))
-    ticked = driven(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
+    ticked = drive_ekf(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
     np.testing.assert_allclose(paused.mean, ticked.mean, rtol=0.0, atol=2e-5)
     if pause_ms % period == 0 and backend == "c":
         assert np.array_equal(paused.mean, ticked.mean), "the same rows, bit by bit"
@@ -115,7 +115,7 @@ def test_after_a_pause_the_belief_is_that_of_silent_ticks(name, pause_ms, backen
 def test_a_measurement_after_a_pause_corrects_at_its_own_tick(name):
     belief, period = moving(name)
     _, estimate = ekf(name).step(belief, tick(name, 1500, z=0.1))
-    before = driven(name, range(1000 + period, 1500, period), belief)
+    before = drive_ekf(name, range(1000 + period, 1500, period), belief)
     _, expected = ekf(name).step(before, tick(name, 1500, z=0.1))
     np.testing.assert_array_equal(estimate.innovation, expected.innovation)
     assert estimate.t_ns == 1500 * MS
@@ -128,16 +128,16 @@ def test_beyond_a_second_the_mean_is_held_and_the_covariance_grows(name, call):
     step = getattr(
         ekf(name).block if name == "car" else ekf(name), call
     )  # hundreds of rows: one as it is written
-    one, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
-    np.testing.assert_array_equal(two.mean, one.mean)
-    np.testing.assert_array_equal(ten.mean, one.mean)
-    spread = [np.diag(b.cov)[:6] for b in (one, two, ten)]
+    after_1_ms, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
+    np.testing.assert_array_equal(two.mean, after_1_ms.mean)
+    np.testing.assert_array_equal(ten.mean, after_1_ms.mean)
+    spread = [np.diag(b.cov)[:6] for b in (after_1_ms, two, ten)]
     assert np.all(spread[1] > spread[0])
     assert np.all(spread[2] > spread[1])
     way = np.hypot(*ten.mean[3:5]) * 8.9
     assert np.sqrt(ten.cov[0, 0]) > way, "it may have gone on as it went"
-    near = driven(name, range(1010, 2001, 10), belief) if call == "step" else one
-    np.testing.assert_allclose(one.mean, near.mean, rtol=0.0, atol=1e-3)
+    near = drive_ekf(name, range(1010, 2001, 10), belief) if call == "step" else after_1_ms
+    np.testing.assert_allclose(after_1_ms.mean, near.mean, rtol=0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", GARAGE)
@@ -170,8 +170,8 @@ def test_a_million_ticks_of_ten_seconds_overflow_nothing(name):
 @pytest.mark.parametrize("name", GARAGE)
 def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(name, backend):
     belief = ekf(name).init()
-    for one in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
-        belief, estimate = ekf(name, backend).step(belief, one)
+    for each_tick in each(random_ticks(name, {"numpy": 25, "python": 150, "c": 3000}[backend], 3)):
+        belief, estimate = ekf(name, backend).step(belief, each_tick)
         assert sound(belief.mean, belief.cov)
         assert sound(estimate.nu, estimate.cov)
 
@@ -179,12 +179,14 @@ def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(nam
 @pytest.mark.parametrize("name", GARAGE)
 def test_back_ends_agree_over_pauses(name):
     belief = ekf(name).init()
-    for one in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
-        belief, *others = (ekf(name, backend).step(belief, one)[0] for backend in ("c", "numpy", "python"))
+    for each_tick in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
+        belief, *beliefs = (
+            ekf(name, backend).step(belief, each_tick)[0] for backend in ("c", "numpy", "python")
+        )
         std = np.sqrt(np.diag(belief.cov))
-        for other in others:
-            np.testing.assert_allclose(other.mean, belief.mean, rtol=1e-12, atol=1e-12)
-            correlation = (other.cov - belief.cov) / np.outer(std, std)
+        for second in beliefs:
+            np.testing.assert_allclose(second.mean, belief.mean, rtol=1e-12, atol=1e-12)
+            correlation = (second.cov - belief.cov) / np.outer(std, std)
             np.testing.assert_allclose(correlation, 0.0, atol=1e-12)
 
 
@@ -198,8 +200,8 @@ def test_a_scan_over_split_ticks_gives_what_the_steps_give(name):
         ekf(name).init(),
         1e-12 if len(ekf(name).init().mean) == 9 else 1e-11,
     )  # 9: the paper's state
-    for k, one in zip(at, each(ticks), strict=True):
-        belief, _ = ekf(name).step(belief, one)
+    for k, each_tick in zip(at, each(ticks), strict=True):
+        belief, _ = ekf(name).step(belief, each_tick)
         np.testing.assert_allclose(mean[k], belief.mean, rtol=rtol, atol=rtol)
         np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=rtol)
 
@@ -211,15 +213,15 @@ def test_ticks_that_jitter_are_not_split_and_a_pause_is_in_rows_of_a_period():
     assert silent_times(5, 5 + 50 * MS, 100.0) == [5 + k * 10 * MS for k in (1, 2, 3, 4)]
     assert silent_times(0, 120 * MS + 1, 50.0) == [k * 20 * MS for k in range(1, 6)]
     assert max(np.diff([0, *silent_times(0, 990 * MS, 50.0), 990 * MS])) <= 25 * MS
-    held = silent_times(0, 5000 * MS, 100.0)
-    assert (len(held), held[-1]) == (98, 980 * MS), "and the last row moves for 20 ms"
+    rows = silent_times(0, 5000 * MS, 100.0)
+    assert (len(rows), rows[-1]) == (98, 980 * MS), "and the last row moves for 20 ms"
 
 
 def test_a_pause_makes_the_delay_of_the_commands_neither_longer_nor_shorter():
     """The car's 80 ms: a command that is new after a pause is felt four periods later, as without a pause."""
     block = ekf("car, ekf").block
 
-    def felt(times):
+    def efforts(times):
         belief = block.init()
         for t_ms in times:
             belief, _ = block.step(belief, tick("car", t_ms, u=(0.5 if t_ms > 520 else 0.0, 0.0)))
@@ -227,9 +229,11 @@ def test_a_pause_makes_the_delay_of_the_commands_neither_longer_nor_shorter():
                 yield belief.effort[0]
 
     after = range(540, 700, 20)
-    steady = list(felt([*range(20, 521, 20), *after]))
+    steady = list(efforts([*range(20, 521, 20), *after]))
     assert steady[:4] == [0.0] * 4
     assert steady[4] > 0.4
-    assert list(felt([20, 40, 520, *after])) == steady
+    assert list(efforts([20, 40, 520, *after])) == steady
     late = [t + 4 * (k % 2) for k, t in enumerate(range(20, 700, 20))]
-    assert list(felt(late))[:5] == pytest.approx(steady[:5], abs=0.11), "ticks that jitter keep their delay"
+    assert list(efforts(late))[:5] == pytest.approx(steady[:5], abs=0.11), (
+        "ticks that jitter keep their delay"
+    )

@@ -27,7 +27,7 @@ DRIVING = (t_s >= REST_S) & (t_s < END_S - STILL_S)
 U = np.outer(DRIVING, [0.5, 0.0, 0.0]) + np.outer(DRIVING * np.sign(np.sin(2.0 * t_s)), [0.0, 0.0, 0.45])
 
 
-class Seen(NamedTuple):
+class Consequence(NamedTuple):
     """What a filter made of a run."""
 
     error: np.ndarray  # (N, 3) of ν
@@ -55,7 +55,7 @@ def kernel():
     return scan(ekf.step, ekf.init(), example)
 
 
-def seen(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
+def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
     """The filter over the commands of `run`, and over `z` (N, 3) in place of what its IMU said."""
     imu, t_ns = run.sensors["imu"], run.t_ns
     has: Any = np.ones(len(t_ns))
@@ -66,41 +66,41 @@ def seen(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
     slot = Slot(has, z, 0.0 * has)
     _, out = kernel.run(Tick(ticks, run.applied, SMALL.sensors._replace(imu=slot)))
     y, S = out.innovation, out.innovation_cov
-    refused = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
+    refusals = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
     health = Health()
-    told = [bool(health.check(int(t), Estimate(*one))) for t, *one in zip(t_ns, *out, strict=True)]
-    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refused, told)]
-    return Seen(out.nu - run.truth.nu, refused, *at)
+    reasons = [bool(health.check(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)]
+    at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refusals, reasons)]
+    return Consequence(out.nu - run.truth.nu, refusals, *at)
 
 
-def broken(run: Run, how: str) -> np.ndarray:
+def broken_readings(run: Run, fault: str) -> np.ndarray:
     """What the run's IMU says, broken from 8 s to 11 s."""
     z, random = run.sensors["imu"].z.copy(), np.random.default_rng(6)
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
-    if how == "stuck":
+    if fault == "stuck":
         z[at] = z[np.argmax(at)]
-    elif how == "shaken":
+    elif fault == "shaken":
         z[at] += random.normal(size=(int(np.sum(at)), 3)) * [3.0, 3.0, 1.0]
     else:
-        z[at] += {"gyro": [0.0, 0.0, 2.0], "ramp of 6 degrees": [1.0, 0.0, 0.0]}[how]
+        z[at] += {"gyro": [0.0, 0.0, 2.0], "ramp of 6 degrees": [1.0, 0.0, 0.0]}[fault]
     return z
 
 
-@pytest.mark.parametrize("how", ["stuck", "shaken", "gyro", "ramp of 6 degrees"])
-def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_reported(kernel, run, how):
+@pytest.mark.parametrize("fault", ["stuck", "shaken", "gyro", "ramp of 6 degrees"])
+def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_reported(kernel, run, fault):
     """The bounds are twice the largest errors of an IMU that is whole. The gyro's gate is wide, for real cars turn as
     no model foretells: one that is shaken by 200 σ may move the yaw rate by 4."""
-    whole, s = seen(kernel, run), seen(kernel, run, broken(run, how))
+    whole, s = consequence(kernel, run), consequence(kernel, run, broken_readings(run, fault))
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
     assert np.mean(s.refused[at]) > 0.5
     assert not np.any(s.refused[~at])
-    times = np.array([2.0, 2.0, 4.0 if how == "shaken" else 2.0])
+    times = np.array([2.0, 2.0, 4.0 if fault == "shaken" else 2.0])
     assert np.all(np.max(np.abs(s.error), axis=0) < times * np.max(np.abs(whole.error), axis=0))
     assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + TOLD_S
 
 
 def test_es6_a_sensor_that_is_whole_is_never_refused_and_nothing_is_reported(kernel, run):
-    s = seen(kernel, run)
+    s = consequence(kernel, run)
     assert not np.any(s.refused)
     assert np.isnan(s.told_at_s)
 
@@ -109,7 +109,7 @@ def test_es6_a_sensor_that_is_whole_is_never_refused_and_nothing_is_reported(ker
 def test_a_model_that_turns_half_or_twice_as_hard_is_reported_at_once_and_comes_right_where_it_stands(
     kernel, factor
 ):
-    s = seen(kernel, turning(factor))
+    s = consequence(kernel, turning(factor))
     moving, late = DRIVING & (t_s > REST_S + TOLD_S), t_s > END_S - 0.5 * STILL_S
     assert np.mean(s.refused[moving]) > 0.9
     assert REST_S < s.told_at_s < s.refused_at_s + TOLD_S
@@ -122,7 +122,7 @@ def test_es5_one_reading_in_ten_far_off_costs_a_tenth_at_most(kernel, run):
     z, sigma = run.sensors["imu"].z.copy(), np.sqrt(np.diag(SMALL.sensors.imu.cov))
     at = random.uniform(size=len(z)) < 0.1
     z[at] += 20.0 * sigma * random.choice([-1.0, 1.0], size=(int(np.sum(at)), 3))
-    whole, s = seen(kernel, run), seen(kernel, run, z)
+    whole, s = consequence(kernel, run), consequence(kernel, run, z)
     assert np.mean(s.refused) > 0.09
     rms, before = (np.sqrt(np.mean(x.error**2, axis=0)) for x in (s, whole))
     assert np.all(rms < 1.1 * before)

@@ -23,17 +23,17 @@ R = np.diag([1e-3, 1e-3, 1e-2, 0.05, 0.05, 0.5]) ** 2
 ALL = ("imu", "pose", "wheels")
 
 
-def tick(k, **said):
+def tick(k, **readings):
     slots = {name: Slot(0.0, np.zeros(getattr(SENSORS, name).size)) for name in ALL}
-    slots |= {name: Slot(1.0, np.array(z, dtype=float)) for name, z in said.items()}
+    slots |= {name: Slot(1.0, np.array(z, dtype=float)) for name, z in readings.items()}
     return Tick(k * 10_000_000, np.zeros(3), Sensors(**slots))
 
 
 def test_only_the_sensors_in_use_correct_and_report():
-    one, every = Ekf(SMALL, SENSORS, R), Ekf(SMALL, SENSORS, R, use=ALL)
-    said = {"imu": (0, 0, 0), "wheels": (0.02, 0.02)}
-    _, a = one.step(one.init(), tick(1, **said))
-    _, b = every.step(every.init(), tick(1, **said))
+    imu_only, every = Ekf(SMALL, SENSORS, R), Ekf(SMALL, SENSORS, R, use=ALL)
+    readings = {"imu": (0, 0, 0), "wheels": (0.02, 0.02)}
+    _, a = imu_only.step(imu_only.init(), tick(1, **readings))
+    _, b = every.step(every.init(), tick(1, **readings))
     assert a.innovation.shape == (3,)
     assert a.nu[0] < 1e-6
     assert b.nu[0] > 1e-3
@@ -45,11 +45,11 @@ def test_only_the_sensors_in_use_correct_and_report():
 
 def test_a_pose_bounds_what_an_imu_alone_leaves_to_drift():
     filter_ = Ekf(SMALL, SENSORS, R, use=ALL)
-    belief, still = filter_.init(), {"imu": (0, 0, 0)}
+    belief, resting = filter_.init(), {"imu": (0, 0, 0)}
     spread = []
     for k in range(1, 201):
         fix = {"pose": (0.0, 0.0, 0.0)} if k == 150 else {}
-        belief, estimate = filter_.step(belief, tick(k, **still, **fix))
+        belief, estimate = filter_.step(belief, tick(k, **resting, **fix))
         spread.append(estimate.cov[0, 0])
     assert np.all(np.diff(spread[:149]) > 0.0)
     assert spread[149] < 0.5 * spread[148]

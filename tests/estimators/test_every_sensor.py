@@ -28,7 +28,7 @@ def file_of(kind: str, keys: str):
     return parse(f"{load('small').text}\n[sensors.{kind}]\n{keys}\n", "small")
 
 
-def driven(kind: str, keys: str):
+def drive_with(kind: str, keys: str):
     file = file_of(kind, keys)
     u = np.zeros((400, 3))
     u[50:, 0], u[50:, 2] = 0.6, 0.03 * np.sin(np.arange(350) / 60.0)
@@ -54,19 +54,19 @@ def _first(leaf):
     [(k, e) for k in SENSORS for e in KINDS] + [("tags", "unscented"), ("compass", "unscented")],
 )
 def test_an_estimate_stays_finite_and_its_error_within_what_it_claims(kind, estimator):
-    file, run = driven(kind, SENSORS[kind])
+    file, run = drive_with(kind, SENSORS[kind])
     assert len(run.sensors[kind].z) > 0
-    found = through(file, run, estimator, ("imu", kind))
-    cov = found.cov
-    assert np.all(np.isfinite(found.eta))
+    estimate = through(file, run, estimator, ("imu", kind))
+    cov = estimate.cov
+    assert np.all(np.isfinite(estimate.eta))
     assert np.all(np.linalg.eigvalsh(cov[1:]) > -1e-12)
-    error = found.eta[-1] - run.truth.eta[-1]
+    error = estimate.eta[-1] - run.truth.eta[-1]
     error[2] = wrap(error[2])
     assert np.all(np.abs(error) < 5.0 * np.sqrt(np.diag(cov[-1])[:3]) + 0.02)
 
 
 @pytest.mark.parametrize("kind", ["tags", "beacon", "rangefinder", "pose"])
 def test_who_shows_the_place_makes_it_more_certain(kind):
-    file, run = driven(kind, SENSORS[kind])
+    file, run = drive_with(kind, SENSORS[kind])
     with_it, without = (through(file, run, "augmented_ekf", use).cov[-1] for use in (("imu", kind), ("imu",)))
     assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(without[:2, :2])

@@ -19,28 +19,35 @@ def test_numbers_one_by_one_give_what_all_at_once_give(seed):
     P, y, H, Q = _case(seed)
     S = H @ P @ H.T + Q
     K = np.linalg.solve(S, H @ P).T
-    found = correct(P, y, H, Q)
-    assert found.move == pytest.approx(K @ y, rel=1e-8, abs=1e-10)
-    assert found.cov == pytest.approx(P - K @ H @ P, rel=1e-7, abs=1e-9)
-    assert np.sum(found.e**2) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
-    assert np.sum(np.log(found.s)) == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-9, abs=1e-9)
+    correction = correct(P, y, H, Q)
+    assert correction.move == pytest.approx(K @ y, rel=1e-8, abs=1e-10)
+    assert correction.cov == pytest.approx(P - K @ H @ P, rel=1e-7, abs=1e-9)
+    assert np.sum(correction.e**2) == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
+    assert np.sum(np.log(correction.s)) == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-9, abs=1e-9)
 
 
 def test_prediction_and_correction_are_those_of_filterpy():
     filterpy = pytest.importorskip("filterpy.kalman")
     P, y, H, Q = _case(1)
     F, R = np.random.default_rng(2).normal(size=(6, 6)), 0.1 * np.eye(6)
-    theirs = filterpy.KalmanFilter(6, 3)
-    theirs.x, theirs.P, theirs.F, theirs.Q, theirs.H, theirs.R = np.ones(6), P.copy(), F, R, H, Q
-    theirs.predict()
+    reference = filterpy.KalmanFilter(6, 3)
+    reference.x, reference.P, reference.F, reference.Q, reference.H, reference.R = (
+        np.ones(6),
+        P.copy(),
+        F,
+        R,
+        H,
+        Q,
+    )
+    reference.predict()
     ahead = predict(Gaussian(np.ones(6), P), lambda x: F @ x, R)
-    assert ahead.mean == pytest.approx(theirs.x)
-    assert ahead.cov == pytest.approx(theirs.P)
-    theirs.update(H @ theirs.x + y)
-    found = correct(ahead.cov, y, H, Q)
-    assert ahead.mean + found.move == pytest.approx(theirs.x)
-    assert found.cov == pytest.approx(theirs.P)
-    assert log_likelihood(found) - 1.5 * np.log(2.0 * np.pi) == pytest.approx(theirs.log_likelihood)
+    assert ahead.mean == pytest.approx(reference.x)
+    assert ahead.cov == pytest.approx(reference.P)
+    reference.update(H @ reference.x + y)
+    correction = correct(ahead.cov, y, H, Q)
+    assert ahead.mean + correction.move == pytest.approx(reference.x)
+    assert correction.cov == pytest.approx(reference.P)
+    assert log_likelihood(correction) - 1.5 * np.log(2.0 * np.pi) == pytest.approx(reference.log_likelihood)
 
 
 def test_es3_covariance_stays_positive_where_a_measurement_is_almost_exact():
@@ -55,15 +62,15 @@ def test_a_considered_state_never_moves_and_its_uncertainty_counts():
     """Schmidt: a scale of unknown size acts on what is measured. The covariance is that of many draws."""
     P, H, Q = np.diag([1.0, 0.25]), np.array([[1.0, 2.0]]), np.array([0.5])
     estimated = np.array([1.0, 0.0])
-    found = correct(P, np.array([1.0]), H, Q, estimated)
-    assert found.move[1] == 0.0
-    assert found.cov[1, 1] == 0.25
+    correction = correct(P, np.array([1.0]), H, Q, estimated)
+    assert correction.move[1] == 0.0
+    assert correction.cov[1, 1] == 0.25
     rng = np.random.default_rng(0)
     x = rng.normal(size=(200_000, 2)) * np.sqrt(np.diag(P))
     z = x @ H[0] + np.sqrt(Q[0]) * rng.normal(size=len(x))
     gain = correct(P, np.array([1.0]), H, Q, estimated).move
-    left = x - z[:, None] * gain
-    assert found.cov == pytest.approx(np.cov(left.T), abs=0.01)
+    errors = x - z[:, None] * gain
+    assert correction.cov == pytest.approx(np.cov(errors.T), abs=0.01)
 
 
 def test_a_weight_is_more_noise():
@@ -73,9 +80,9 @@ def test_a_weight_is_more_noise():
     noisier = correct(P, y[:1], H[:1], np.array([4.0 * s - H[0] @ P @ H[0]]))
     assert weighted.move == pytest.approx(noisier.move)
     assert weighted.cov == pytest.approx(noisier.cov)
-    ignored = correct(P, y, H, np.full(3, 0.3), weight=lambda c, e, s: 0.0)
-    assert ignored.move == pytest.approx(np.zeros(6))
-    assert ignored.cov == pytest.approx(P)
+    without_weight = correct(P, y, H, np.full(3, 0.3), weight=lambda c, e, s: 0.0)
+    assert without_weight.move == pytest.approx(np.zeros(6))
+    assert without_weight.cov == pytest.approx(P)
 
 
 def test_independent_numbers_have_the_same_information():

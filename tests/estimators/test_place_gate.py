@@ -34,12 +34,12 @@ def after(belief, seconds, place=None, u=(0.3, 0.0, 0.0)):
     for k in range(round(100 * seconds)):
         last = k == round(100 * seconds) - 1 and place is not None
         t_ns = int(belief.t_ns) + 10_000_000 if belief.t_ns >= 0 else 10_000_000
-        tag = Slot(1.0, where(belief, t_ns, u)[:2] + place) if last else Slot(0.0, np.zeros(2))
+        tag = Slot(1.0, position(belief, t_ns, u)[:2] + place) if last else Slot(0.0, np.zeros(2))
         belief, _ = ekf().step(belief, Tick(t_ns, np.array(u), BOTH(Slot(1.0, np.zeros(3)), tag)))
     return belief
 
 
-def where(belief, t_ns, u):
+def position(belief, t_ns, u):
     """Return its belief one tick later."""
     quiet = BOTH(Slot(1.0, np.zeros(3)), Slot(0.0, np.zeros(2)))
     return ekf().step(belief, Tick(t_ns, np.array(u), quiet))[0].mean
@@ -47,8 +47,8 @@ def where(belief, t_ns, u):
 
 def moved_by(belief, seconds, place):
     """(2,) by which a reading moves the belief, and that belief."""
-    there = after(belief, seconds, place)
-    return there.mean[:2] - after(belief, seconds).mean[:2], there
+    posterior = after(belief, seconds, place)
+    return posterior.mean[:2] - after(belief, seconds).mean[:2], posterior
 
 
 @pytest.fixture(scope="module")
@@ -57,15 +57,15 @@ def driving():
 
 
 def test_a_tag_that_agrees_is_believed(driving):
-    moved, there = moved_by(driving, LATER, np.array([0.02, 0.0]))
-    assert moved == pytest.approx([0.02, 0.0], abs=1e-3)
-    assert np.sqrt(there.cov[0, 0]) == pytest.approx(0.01, rel=0.1)
+    correction_m, posterior = moved_by(driving, LATER, np.array([0.02, 0.0]))
+    assert correction_m == pytest.approx([0.02, 0.0], abs=1e-3)
+    assert np.sqrt(posterior.cov[0, 0]) == pytest.approx(0.01, rel=0.1)
 
 
 def test_a_tag_that_is_taken_for_another_moves_nothing_though_one_of_its_numbers_agrees(driving):
-    moved, there = moved_by(driving, LATER, np.array([2.0, 0.005]))
-    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
-    assert there.cov == pytest.approx(after(driving, LATER).cov, rel=0.01, abs=1e-6)
+    correction_m, posterior = moved_by(driving, LATER, np.array([2.0, 0.005]))
+    assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
+    assert posterior.cov == pytest.approx(after(driving, LATER).cov, rel=0.01, abs=1e-6)
 
 
 def test_two_mistakes_in_a_row_move_nothing_widen_nothing_and_the_next_right_one_is_believed(driving):
@@ -75,8 +75,8 @@ def test_two_mistakes_in_a_row_move_nothing_widen_nothing_and_the_next_right_one
     for x in (twice, after(once, LATER, -OTHER)):
         assert x.mean[:2] == pytest.approx(silent.mean[:2], abs=2e-3)
         assert x.cov == pytest.approx(silent.cov, rel=0.02, abs=1e-6)
-    moved, _ = moved_by(twice, LATER, np.array([0.02, 0.0]))
-    assert moved == pytest.approx([0.02, 0.0], abs=2e-3)
+    correction_m, _ = moved_by(twice, LATER, np.array([0.02, 0.0]))
+    assert correction_m == pytest.approx([0.02, 0.0], abs=2e-3)
 
 
 def test_a_mistake_that_is_read_twice_is_one(driving):
@@ -90,49 +90,49 @@ def test_a_mistake_that_is_read_twice_is_one(driving):
 def test_a_vehicle_that_is_carried_to_just_where_a_mistake_would_show_it_is_found_by_the_fourth_tag(driving):
     belief = driving
     for _ in range(3):
-        moved, belief = moved_by(belief, LATER, OTHER)
-        assert moved == pytest.approx(np.zeros(2), abs=2e-3)
-    moved, _ = moved_by(belief, LATER, OTHER)
-    assert moved == pytest.approx(OTHER, abs=0.05)
+        correction_m, belief = moved_by(belief, LATER, OTHER)
+        assert correction_m == pytest.approx(np.zeros(2), abs=2e-3)
+    correction_m, _ = moved_by(belief, LATER, OTHER)
+    assert correction_m == pytest.approx(OTHER, abs=0.05)
 
 
 def test_who_hardly_knows_where_it_is_believes_the_likelier_of_right_and_mistaken():
     """0.3 m of deviation: the other tag is 3.3 of them away, within the gate."""
     start = after(ekf().init(), 1.0, u=(0.0, 0.0, 0.0))
     wide = start._replace(cov=start.cov + np.diag([0.09, 0.09, *np.zeros(len(start.mean) - 2)]))
-    moved, _ = moved_by(wide, SOON, np.array([0.01, 0.02]) + OTHER)
-    assert np.hypot(*moved) < 0.1
-    moved, _ = moved_by(wide, SOON, np.array([0.25, -0.3]))
-    assert moved == pytest.approx([0.25, -0.3], abs=0.02)
+    correction_m, _ = moved_by(wide, SOON, np.array([0.01, 0.02]) + OTHER)
+    assert np.hypot(*correction_m) < 0.1
+    correction_m, _ = moved_by(wide, SOON, np.array([0.25, -0.3]))
+    assert correction_m == pytest.approx([0.25, -0.3], abs=0.02)
 
 
 def test_a_vehicle_that_was_carried_is_found_by_the_second_tag_that_says_so(driving):
-    carried = np.array([0.6, -0.5])
-    moved, doubting = moved_by(driving, LATER, carried)
-    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
-    moved, found = moved_by(doubting, LATER, carried + 0.01)
-    assert moved == pytest.approx(carried, abs=0.05)
-    assert found.cov[2, 2] > 10.0 * doubting.cov[2, 2], "its heading may be off as well"
-    moved, _ = moved_by(found, LATER, np.array([0.01, 0.02]))
-    assert np.all(np.abs(moved) > 0.005)
+    carried_m = np.array([0.6, -0.5])
+    correction_m, doubting = moved_by(driving, LATER, carried_m)
+    assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
+    correction_m, posterior = moved_by(doubting, LATER, carried_m + 0.01)
+    assert correction_m == pytest.approx(carried_m, abs=0.05)
+    assert posterior.cov[2, 2] > 10.0 * doubting.cov[2, 2], "its heading may be off as well"
+    correction_m, _ = moved_by(posterior, LATER, np.array([0.01, 0.02]))
+    assert np.all(np.abs(correction_m) > 0.005)
 
 
 def test_a_reading_that_is_reported_twice_is_not_a_second_witness(driving):
     far = np.array([1.0, 0.3])
     doubting = after(driving, LATER, far)
-    moved, twice = moved_by(doubting, SOON, far)
-    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
-    moved, _ = moved_by(twice, AGAIN_S + 0.1, far)
-    assert moved == pytest.approx(far, abs=0.05)
+    correction_m, twice = moved_by(doubting, SOON, far)
+    assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
+    correction_m, _ = moved_by(twice, AGAIN_S + 0.1, far)
+    assert correction_m == pytest.approx(far, abs=0.05)
 
 
 def test_two_that_contradict_each_other_widen_the_region_and_the_third_decides(driving):
     doubting = after(driving, LATER, np.array([2.0, 0.0]))
-    moved, wide = moved_by(doubting, LATER, np.array([-2.0, 0.0]))
-    assert moved == pytest.approx(np.zeros(2), abs=0.02)
+    correction_m, wide = moved_by(doubting, LATER, np.array([-2.0, 0.0]))
+    assert correction_m == pytest.approx(np.zeros(2), abs=0.02)
     assert np.sqrt(wide.cov[0, 0]) > 0.4
-    moved, _ = moved_by(wide, LATER, np.array([0.3, 0.1]))
-    assert moved == pytest.approx([0.3, 0.1], abs=0.03)
+    correction_m, _ = moved_by(wide, LATER, np.array([0.3, 0.1]))
+    assert correction_m == pytest.approx([0.3, 0.1], abs=0.03)
 
 
 def test_a_doubt_makes_no_scale_nor_bias_less_certain_than_it_was_at_the_start(driving):
@@ -148,8 +148,8 @@ def test_a_doubt_makes_no_scale_nor_bias_less_certain_than_it_was_at_the_start(d
 def test_what_was_believed_ends_a_doubt(driving):
     far, near = np.array([1.0, 0.3]), np.zeros(2)
     calm = after(after(driving, LATER, far), LATER, near)
-    moved, _ = moved_by(calm, LATER, far)
-    assert moved == pytest.approx(np.zeros(2), abs=1e-3)
+    correction_m, _ = moved_by(calm, LATER, far)
+    assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
 
 
 def test_a_camera_that_jumps_for_good_is_followed_after_a_second():
@@ -160,9 +160,9 @@ def test_a_camera_that_jumps_for_good_is_followed_after_a_second():
     )
     belief, at = block.init(), {}
     for k in range(1, 600):
-        seen = Slot(float(k % 4 == 0), np.array([1.0 if k > 200 else 0.0, 0.0, 0.0]))
+        slot = Slot(float(k % 4 == 0), np.array([1.0 if k > 200 else 0.0, 0.0, 0.0]))
         belief, estimate = block.step(
-            belief, Tick(k * 10_000_000, np.zeros(3), sensors(Slot(1.0, np.zeros(3)), seen))
+            belief, Tick(k * 10_000_000, np.zeros(3), sensors(Slot(1.0, np.zeros(3)), slot))
         )
         at[k] = estimate.eta[0]
     assert abs(at[295]) < 0.05

@@ -52,7 +52,7 @@ def errors_and_claims(odometer):
             slip = keep * slip + SLIP * np.sqrt(1.0 - keep**2) * rng.standard_normal()
             z[k] = v * (1.0 + slip) + NOISE * rng.standard_normal()
         ticks = Tick(10_000_000 * np.arange(1, n + 1), u, slots(Slot(np.ones(n), z, np.zeros(n))))
-        way, speed, var_x, var_v = (np.asarray(one)[-1] for one in kernel.run(ticks)[1])
+        way, speed, var_x, var_v = (np.asarray(column)[-1] for column in kernel.run(ticks)[1])
         out.append(([way - x, speed - v], [var_x, var_v]))
     return tuple(np.array(column) for column in zip(*out, strict=True))
 
@@ -64,14 +64,14 @@ def with_slip():
 
 def test_way_and_speed_are_as_wrong_as_claimed_where_wheels_slip(with_slip):
     """χ² of 60 drives over 60: between 0.55 and 1.6 in all but 1 of 1000."""
-    error, claimed = with_slip
-    for nees in np.mean(error**2 / claimed, axis=0):
+    error, claim = with_slip
+    for nees in np.mean(error**2 / claim, axis=0):
         assert 0.55 < nees < 1.6
 
 
 def test_who_takes_slip_for_white_noise_is_too_sure():
-    error, claimed = errors_and_claims(replace(ODOMETER, slip_std=0.0))
-    assert np.all(np.mean(error**2 / claimed, axis=0) > 3.0)
+    error, claim = errors_and_claims(replace(ODOMETER, slip_std=0.0))
+    assert np.all(np.mean(error**2 / claim, axis=0) > 3.0)
 
 
 @pytest.mark.parametrize(("sensor", "wheels"), [(Odometer(), 1), (Wheels(0.1), 2), (Encoders(0.1, 1e-4), 2)])

@@ -43,18 +43,18 @@ class Linear:
     def step(self, belief, tick):
         x = predict(Gaussian(belief.mean, belief.cov), lambda x: A @ x + tick.u, R)
         slot = tick.sensors.both
-        found = correct(x.cov, slot.z - H @ x.mean, H, Q)
-        mean = np.where(slot.has > 0.0, boxplus(x.mean, found.move), x.mean)
-        cov = np.where(slot.has > 0.0, found.cov, x.cov)
+        correction = correct(x.cov, slot.z - H @ x.mean, H, Q)
+        mean = np.where(slot.has > 0.0, boxplus(x.mean, correction.move), x.mean)
+        cov = np.where(slot.has > 0.0, correction.cov, x.cov)
         S = H @ x.cov @ H.T + Q
         return Belief(tick.t_ns, mean, cov), Estimate(
             tick.t_ns, mean[:3], mean[3:6], cov, slot.z - H @ x.mean, S
         )
 
 
-def drive(n, seed, turned=0.0):
-    """Commands, measurements with gaps, of a vehicle whose heading is `turned` on."""
-    rng, x, u, z = np.random.default_rng(seed), np.array([0, 0, turned, 0, 0, 0.0]), [], []
+def drive(n, seed, turn_rad=0.0):
+    """Commands, measurements with gaps, of a vehicle whose heading is `turn_rad` on."""
+    rng, x, u, z = np.random.default_rng(seed), np.array([0, 0, turn_rad, 0, 0, 0.0]), [], []
     for k in range(n):
         u.append(0.1 * np.array([np.sin(0.1 * k), 1.0, 0.02 * np.cos(0.1 * k), 0, 0, 0]))
         x = A @ x + u[-1] + np.sqrt(np.diag(R)) * rng.standard_normal(N)
@@ -137,9 +137,9 @@ def circle(n, seed, start):
         motion = Motion(belief.mean[:3], belief.mean[3:6], belief.mean[6:], np.zeros(2))
         z.append([s.h(motion) + np.sqrt(np.diag(s.cov)) * rng.standard_normal(3) for s in SENSORS])
     z = np.array(z)
-    seen = np.zeros(n)
-    seen[-1] = 1.0
-    slots = BOTH(Slot(np.ones(n), z[:, 0], np.zeros(n)), Slot(seen, z[:, 1], np.zeros(n)))
+    has = np.zeros(n)
+    has[-1] = 1.0
+    slots = BOTH(Slot(np.ones(n), z[:, 0], np.zeros(n)), Slot(has, z[:, 1], np.zeros(n)))
     return np.array(truth), Tick(10_000_000 * np.arange(1, n + 1), u, slots)
 
 
@@ -149,7 +149,7 @@ def test_a_camera_at_the_end_corrects_the_way_there_across_pi(kind):
     truth, ticks = circle(n, 63, start)
     block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
     mean, cov = smooth(block, block.init(eta=start), ticks, "python")
-    alone, _ = smooth(block, block.init(eta=start), blind(ticks), "python")
+    unsmoothed, _ = smooth(block, block.init(eta=start), blind(ticks), "python")
 
     def rms(x):
         return np.sqrt(np.mean(wrap(x[:, 2] - truth[:, 2]) ** 2)), np.sqrt(
@@ -159,7 +159,7 @@ def test_a_camera_at_the_end_corrects_the_way_there_across_pi(kind):
     assert np.all(np.abs(mean[:, 2]) <= np.pi)
     assert np.min(mean[:, 2]) < -3.0
     assert np.max(np.abs(wrap(np.diff(mean[:, 2])))) < 0.1
-    assert rms(mean)[1] < 0.7 * rms(alone)[1]
+    assert rms(mean)[1] < 0.7 * rms(unsmoothed)[1]
     e = mean[:, :6] - truth[:, :6]
     e[:, 2] = wrap(e[:, 2])
     nees = np.einsum("ki,ki->k", e, np.linalg.solve(cov[:, :6, :6], e[:, :, None])[:, :, 0])
@@ -174,18 +174,18 @@ def blind(ticks):
 def test_moving_and_turning_the_map_moves_and_turns_what_is_smoothed():
     _, ticks = circle(60, 64, np.zeros(3))
     block, start = Ekf(SMALL, SENSORS, NOISE), np.array([3.0, -2.0, 2.9])
-    here, _ = smooth(block, block.init(), ticks, "python")
-    there, _ = smooth(block, block.init(eta=start), ticks, "python")
-    moved_poses = np.array([compose(start, eta) for eta in here[:, :3]])
-    np.testing.assert_allclose(there[:, :2], moved_poses[:, :2], atol=1e-9)
-    np.testing.assert_allclose(wrap(there[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-9)
+    original, _ = smooth(block, block.init(), ticks, "python")
+    moved_estimate, _ = smooth(block, block.init(eta=start), ticks, "python")
+    moved_poses = np.array([compose(start, eta) for eta in original[:, :3]])
+    np.testing.assert_allclose(moved_estimate[:, :2], moved_poses[:, :2], atol=1e-9)
+    np.testing.assert_allclose(wrap(moved_estimate[:, 2] - moved_poses[:, 2]), 0.0, atol=1e-9)
 
 
 def test_only_a_kalman_filter_can_be_smoothed():
     file = load("small")
     quiet = Tick(1, np.zeros(3), sensor_slots(("imu",))(Slot(0.0, np.zeros(3))))
-    found = {}
+    smoothable = {}
     for kind in ("ekf", "unscented", "dead_reckoning", "complementary"):
         block = file.estimator(kind=kind)
-        found[kind] = can_be_smoothed(block, block.init(), quiet)
-    assert found == {"ekf": True, "unscented": True, "dead_reckoning": False, "complementary": False}
+        smoothable[kind] = can_be_smoothed(block, block.init(), quiet)
+    assert smoothable == {"ekf": True, "unscented": True, "dead_reckoning": False, "complementary": False}

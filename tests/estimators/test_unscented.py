@@ -58,7 +58,7 @@ def filterpys(x, P):
         m[2] = np.arctan2(weights @ np.sin(points[:, 2]), weights @ np.cos(points[:, 2]))
         return m
 
-    def apart(a, b):
+    def difference(a, b):
         d = a - b
         d[2] = wrap(d[2])
         return d
@@ -66,8 +66,8 @@ def filterpys(x, P):
     def h(x):
         return IMU.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2)))
 
-    points = JulierSigmaPoints(9, kappa=0.0, subtract=apart)
-    ukf = UnscentedKalmanFilter(9, 3, 0.01, h, g, points, x_mean_fn=mean, residual_x=apart)
+    points = JulierSigmaPoints(9, kappa=0.0, subtract=difference)
+    ukf = UnscentedKalmanFilter(9, 3, 0.01, h, g, points, x_mean_fn=mean, residual_x=difference)
     ukf.x, ukf.P, ukf.R = x.copy(), P.copy(), IMU.cov
     return ukf, before
 
@@ -94,21 +94,23 @@ def test_a_linear_function_is_met_exactly_and_a_square_has_its_mean():
     rng = np.random.default_rng(51)
     A, G = rng.normal(size=(5, 5)), rng.normal(size=(3, 5))
     x = Gaussian(np.zeros(5), A @ A.T)
-    seen = spread(
+    moments = spread(
         lambda x: G @ np.concatenate([x[:2], x[2:]]), Gaussian(x.mean, 1e-2 * x.cov / np.trace(x.cov))
     )
-    np.testing.assert_allclose(seen.mean, 0.0, atol=1e-14)
-    np.testing.assert_allclose(seen.even, 0.0, atol=1e-14)
-    np.testing.assert_allclose(seen.odd @ seen.odd.T, 1e-2 * G @ x.cov @ G.T / np.trace(x.cov), atol=1e-14)
-    squared = spread(lambda x: x**2, Gaussian(np.zeros(3), np.diag([4.0, 9.0, 0.01])))
-    np.testing.assert_allclose(squared.mean, [4.0, 9.0, 0.01], rtol=1e-12)
+    np.testing.assert_allclose(moments.mean, 0.0, atol=1e-14)
+    np.testing.assert_allclose(moments.even, 0.0, atol=1e-14)
+    np.testing.assert_allclose(
+        moments.odd @ moments.odd.T, 1e-2 * G @ x.cov @ G.T / np.trace(x.cov), atol=1e-14
+    )
+    square = spread(lambda x: x**2, Gaussian(np.zeros(3), np.diag([4.0, 9.0, 0.01])))
+    np.testing.assert_allclose(square.mean, [4.0, 9.0, 0.01], rtol=1e-12)
 
 
 def test_the_mean_of_headings_on_both_sides_of_pi_lies_between_them():
     x = Gaussian(np.array([0.0, 0.0, np.pi - 0.01]), np.diag([1e-6, 1e-6, 0.04]))
-    seen = spread(lambda p: np.array([wrap(p[2] - x.mean[2])]), x)
-    assert abs(seen.mean[0]) < 1e-12
-    assert seen.odd[0] @ seen.odd[0] == pytest.approx(0.04)
+    moments = spread(lambda p: np.array([wrap(p[2] - x.mean[2])]), x)
+    assert abs(moments.mean[0]) < 1e-12
+    assert moments.odd[0] @ moments.odd[0] == pytest.approx(0.04)
 
 
 def test_the_root_of_a_covariance_bears_what_is_certain():
@@ -123,14 +125,14 @@ def test_where_the_heading_is_unsure_it_knows_the_pose_better_than_the_ekf():
     """Straight on for 2 s from a heading known to 0.3 rad: the mean way ahead is shorter by e^(−σ²/2)."""
     sigma, quiet = 0.3, Sensors(Slot(0.0, np.zeros(3)))
     std = np.array([1e-3, 1e-3, sigma, *np.full(6, 1e-3)])
-    found = []
+    poses = []
     for kind in (Ekf, Unscented):
         block = compiled(kind(SMALL, Sensors(IMU), 1e-4 * R, initial_std=std), "python")
         belief = block.init(nu=np.array([0.4, 0.0, 0.0]))
         for k in range(1, 201):
             belief, estimate = block.step(belief, Tick(k * 10_000_000, np.array([0.5, 0.0, 0.0]), quiet))
-        found.append(estimate.eta[0])
-    assert found[1] / found[0] == pytest.approx(np.exp(-(sigma**2) / 2.0), rel=0.005)
+        poses.append(estimate.eta[0])
+    assert poses[1] / poses[0] == pytest.approx(np.exp(-(sigma**2) / 2.0), rel=0.005)
 
 
 def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_parameters():
@@ -150,13 +152,13 @@ def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_paramet
         file = robot_file(physics.some([i]))
         block = Unscented(file.vehicle, file.sensors, process)
         slots = type(file.sensors)(Slot(np.ones(ticks), z[i], np.zeros(ticks)))
-        belief, found = scan(block.step, block.init(), quiet, backend="python").run(
+        belief, estimates = scan(block.step, block.init(), quiet, backend="python").run(
             Tick(10_000_000 * (steps + 1), u, slots)
         )
         e = np.concatenate([world.truth.eta[i], world.truth.nu[i]]) - belief.mean[:6]
         e[2] = wrap(e[2])
         nees += e @ np.linalg.solve(belief.cov[:6, :6], e)
-        nis.append(np.mean(found.innovation**2 / np.einsum("kii->ki", found.innovation_cov), axis=0))
+        nis.append(np.mean(estimates.innovation**2 / np.einsum("kii->ki", estimates.innovation_cov), axis=0))
     low, high = chi2.ppf([5e-5, 1 - 5e-5], 6 * n)
     assert low < nees < high, f"NEES {nees / (6 * n):.2f} of its mean"
     assert np.all(np.abs(np.mean(nis, axis=0) - 1.0) < 0.15), f"NIS {np.mean(nis, axis=0)}"
@@ -165,14 +167,14 @@ def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_paramet
 def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
     start = np.array([3.0, -2.0, 3.1])
     block = compiled(Unscented(SMALL, Sensors(IMU), R), "python")
-    here, there = block.init(), block.init(eta=start)
+    original, moved_belief = block.init(), block.init(eta=start)
     for tick in circle(60):
-        here, a = block.step(here, tick)
-        there, b = block.step(there, tick)
+        original, a = block.step(original, tick)
+        moved_belief, b = block.step(moved_belief, tick)
         np.testing.assert_allclose(b.nu, a.nu, atol=1e-4)  # the points turn with the map
-        moved = compose(start, a.eta)
-        np.testing.assert_allclose(b.eta[:2], moved[:2], atol=1e-5)
-        assert abs(wrap(b.eta[2] - moved[2])) < 1e-4
+        moved_pose = compose(start, a.eta)
+        np.testing.assert_allclose(b.eta[:2], moved_pose[:2], atol=1e-5)
+        assert abs(wrap(b.eta[2] - moved_pose[2])) < 1e-4
         assert abs(b.eta[2]) <= np.pi
 
 

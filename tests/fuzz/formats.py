@@ -103,21 +103,21 @@ def mcap(folder: Path) -> Iterator[Callable[[int], object]]:
     originals, wholes = [path.read_bytes() for path in runs], [read_run(path) for path in runs]
     path = folder / "input.mcap"
 
-    def read(number: int) -> object:
+    def read_mutant(number: int) -> object:
         generator = draw("mcap", number)
         k = 0 if generator.random() < 0.7 else 1
         path.write_bytes(damaged_bytes(originals[k], generator, tuple(originals)))
         run = read_run(path)
         if not run.notes and run != wholes[k]:
             raise Silent("the run differs from its original, and its notes are empty")
-        lost = {one.code for one in run.notes} & {
+        losses = {note.code for note in run.notes} & {
             "run.vehicle-file-lost", "run.damaged", "run.damaged-often", "run.not-closed",
         }  # fmt: skip
-        if run.vehicle_text != wholes[k].vehicle_text and (run.vehicle_text or not lost):
+        if run.vehicle_text != wholes[k].vehicle_text and (run.vehicle_text or not losses):
             raise Silent("another vehicle file than that of the original")
         return run
 
-    yield read
+    yield read_mutant
 
 
 @contextmanager
@@ -126,7 +126,7 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
     (folder / "log.toml").write_text(MAP, encoding="utf-8")
     original, path = log().encode(), folder / "log.csv"
 
-    def read(number: int) -> object:
+    def read_mutant(number: int) -> object:
         generator = draw("csv", number)
         if generator.random() < 0.5:
             path.write_bytes(damaged_bytes(original, generator))
@@ -134,7 +134,7 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
             path.write_bytes(damaged_text(log(), generator).encode("utf-8", "surrogatepass"))
         return import_runs(folder / "log.toml")
 
-    yield read
+    yield read_mutant
 
 
 @contextmanager
@@ -143,12 +143,12 @@ def column_map(folder: Path) -> Iterator[Callable[[int], object]]:
     (folder / "log.csv").write_text(log(), encoding="utf-8")
     path = folder / "map.toml"
 
-    def read(number: int) -> object:
+    def read_mutant(number: int) -> object:
         _write(path, MAP, draw("map", number))
         load_map(path)
         return import_runs(path)
 
-    yield read
+    yield read_mutant
 
 
 @contextmanager
@@ -164,13 +164,13 @@ def vehicle(folder: Path) -> Iterator[Callable[[int], object]]:
     )
     path = folder / "input.toml"
 
-    def read(number: int) -> object:
+    def read_mutant(number: int) -> object:
         generator = draw("vehicle", number)
         _write(path, generator.choice(originals), generator)
         file = load(path)
         return file, repr(file), file.truth.name, file.supervisor(), file.estimator(), file.controller()
 
-    yield read
+    yield read_mutant
 
 
 @contextmanager
@@ -181,15 +181,15 @@ def route(folder: Path) -> Iterator[Callable[[int], object]]:
     path = write_route(short, folder / "input.csv")
     original = path.read_text(encoding="utf-8")
 
-    def read(number: int) -> object:
+    def read_mutant(number: int) -> object:
         generator = draw("route", number)
         _write(path, original, generator)
-        found = read_route(path)
-        if not all(np.all(np.isfinite(column)) for column in found[:3]):
+        route = read_route(path)
+        if not all(np.all(np.isfinite(column)) for column in route[:3]):
             raise Silent("a route with numbers that are not finite")
-        return Repeat.along(found), repr(found)
+        return Repeat.along(route), repr(route)
 
-    yield read
+    yield read_mutant
 
 
 WORDS = (
@@ -220,7 +220,7 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
     ]
     guest = _Guest(path)
 
-    def read(number: int) -> object:
+    def read_mutant(number: int) -> object:
         generator = draw("door", number)
         match generator.randrange(3):
             case 0:
@@ -230,14 +230,14 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
                 mission = Mission.of_json(damaged_text(generator.choice(missions), generator, ","))
                 numbers = [mission.u] if mission.u is not None else []
                 numbers += list(mission.route[:3]) if mission.route is not None else []
-                if not all(np.all(np.isfinite(one)) for one in numbers):
+                if not all(np.all(np.isfinite(column)) for column in numbers):
                     raise Silent("a mission with numbers that are not finite")
                 return mission.json()
         word = dict(generator.choice(WORDS))
         return guest.answered(_line(json.dumps(word).encode(), generator), number)
 
     try:
-        yield read
+        yield read_mutant
     finally:
         guest.close()
         listening.close()
@@ -257,20 +257,20 @@ class _Guest:
 
     def answered(self, word: bytes, number: int) -> bytes:
         """Return what the vehicle says until it answers the ping after a word; Hang where it does not."""
-        token, said = f"ping-{number}".encode(), b""
+        token, answer = f"ping-{number}".encode(), b""
         try:
             self.line.sendall(word + b'\n{"do": "ping", "token": "' + token + b'"}\n')
-            while token not in said:
+            while token not in answer:
                 more = self.line.recv(1 << 20)
                 if not more:
                     raise ConnectionError
-                said += more
+                answer += more
         except TimeoutError:
             raise Hang from None
         except ConnectionError:  # it may let go of who says such a word, not of who comes next
             self.close()
             self.line = self._connected(self.path)
-        return said
+        return answer
 
     def close(self) -> None:
         self.line.close()

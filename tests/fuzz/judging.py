@@ -25,7 +25,7 @@ class Silent(Exception):
 
 
 @dataclass
-class Judged:
+class Outcome:
     """The results of the inputs of one format."""
 
     values: int = 0
@@ -38,7 +38,7 @@ class Judged:
         """Return the counts in a line, and below them the findings."""
         head = f"{self.values} values, {sum(self.errors.values())} errors of {len(self.errors)} codes"
         lines = [f"{head}, slowest {self.slowest_s:.2f} s"]
-        lines += [f"{len(at)} × {what}; inputs {at[:SHOWN]}" for what, at in self.findings.items()]
+        lines += [f"{len(at)} × {name}; inputs {at[:SHOWN]}" for name, at in self.findings.items()]
         return "\n".join(lines)
 
 
@@ -61,22 +61,22 @@ def within(limit_s: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def judge(read: Callable[[int], object], numbers: Iterable[int]) -> Judged:
+def judge(read_mutant: Callable[[int], object], numbers: Iterable[int]) -> Outcome:
     """Return what becomes of the inputs of these numbers."""
-    found = Judged()
+    outcome = Outcome()
     for number in numbers:
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         try:
             with within(LONGEST_S):
-                read(number)
-            found.values += 1
+                read_mutant(number)
+            outcome.values += 1
         except BaqueanoError as error:
-            found.errors[str(error.diagnostic.code)] += 1
+            outcome.errors[str(error.diagnostic.code)] += 1
             if error.diagnostic.code.startswith("error."):
-                found.findings.setdefault(f"an error without a code: {error!r}", []).append(number)
+                outcome.findings.setdefault(f"an error without a code: {error!r}", []).append(number)
         except (Exception, Hang) as error:
             last = traceback.extract_tb(error.__traceback__)[-1]
-            what = f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
-            found.findings.setdefault(what if not isinstance(error, Hang) else "hang", []).append(number)
-        found.slowest_s = max(found.slowest_s, time.perf_counter() - begun)
-    return found
+            cause = f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
+            outcome.findings.setdefault(cause if not isinstance(error, Hang) else "hang", []).append(number)
+        outcome.slowest_s = max(outcome.slowest_s, time.perf_counter() - start_s)
+    return outcome

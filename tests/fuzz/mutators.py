@@ -38,14 +38,14 @@ LETTERS = (
 )
 
 
-def damaged_bytes(original: bytes, draw: random.Random, others: tuple[bytes, ...] = ()) -> bytes:
+def damaged_bytes(original: bytes, draw: random.Random, originals: tuple[bytes, ...] = ()) -> bytes:
     """Return the bytes after one to four damages."""
     data = bytearray(original)
     for _ in range(draw.choice((1, 1, 1, 2, 3, 4))):
         _BYTES[draw.randrange(len(_BYTES))](data, draw)
-    if others and draw.random() < 0.05:  # two files joined in the middle
-        other, at = draw.choice(others), draw.randrange(len(data) + 1)
-        data[at:] = other[draw.randrange(len(other)) :]
+    if originals and draw.random() < 0.05:  # two files joined in the middle
+        second, at = draw.choice(originals), draw.randrange(len(data) + 1)
+        data[at:] = second[draw.randrange(len(second)) :]
     return bytes(data)
 
 
@@ -125,16 +125,16 @@ def _lines(text: str, draw: random.Random, end: str) -> str:
     return end.join(lines)
 
 
-def _runs(text: str, wanted: Callable[[str], bool]) -> list[tuple[int, int]]:
+def _runs(text: str, matches: Callable[[str], bool]) -> list[tuple[int, int]]:
     """Return begin and end of the longest pieces of letters that are wanted."""
-    found, begin = [], None
+    spans, begin = [], None
     for k, letter in enumerate(text + "\n"):
-        if k < len(text) and wanted(letter):
+        if k < len(text) and matches(letter):
             begin = k if begin is None else begin
         elif begin is not None:
-            found.append((begin, k))
+            spans.append((begin, k))
             begin = None
-    return found
+    return spans
 
 
 def _number(text: str, draw: random.Random, end: str) -> str:
@@ -150,8 +150,8 @@ def _word(text: str, draw: random.Random, end: str) -> str:
     if not pieces:
         return text
     begin, stop = draw.choice(pieces)
-    other = draw.choice(pieces)
-    word = text[other[0] : other[1]] if draw.random() < 0.5 else text[begin : stop - 1]
+    piece = draw.choice(pieces)
+    word = text[piece[0] : piece[1]] if draw.random() < 0.5 else text[begin : stop - 1]
     return text[:begin] + word + text[stop:]
 
 

@@ -23,7 +23,7 @@ from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load, parse
 from tests.fuzz.formats import FORMATS, SEED, draw
-from tests.fuzz.judging import Judged, judge
+from tests.fuzz.judging import Outcome, judge
 
 SHARE_S = 12.0 if os.environ.get("CI") else 3.0  # of each of six formats
 LEAST, MOST = 60, 20_000
@@ -31,9 +31,9 @@ LEAST, MOST = 60, 20_000
 
 def numbers() -> Iterator[int]:
     """Yield the numbers of the inputs that are judged."""
-    asked = os.environ.get("BAQUEANO_FUZZ", "")
-    first, colon, last = asked.partition(":")
-    if asked:
+    numbers = os.environ.get("BAQUEANO_FUZZ", "")
+    first, colon, last = numbers.partition(":")
+    if numbers:
         yield from range(int(first) if colon else 0, int(last if colon else first))
         return
     end_s = time.monotonic() + SHARE_S
@@ -45,43 +45,43 @@ def test_a_damaged_input_is_an_error_of_ours_or_a_value(name, tmp_path, monkeypa
     if name == "door" and not hasattr(socket, "AF_UNIX"):
         pytest.skip("the door of a vehicle listens at a unix socket")
     monkeypatch.chdir(tmp_path)
-    with FORMATS[name](tmp_path) as read:
-        found = judge(read, numbers())
-    print(f"{name}: {found.table}")
-    assert not found.findings, f"{name}: {found.table}\n{again(name, found)}"
+    with FORMATS[name](tmp_path) as read_mutant:
+        outcome = judge(read_mutant, numbers())
+    print(f"{name}: {outcome.table}")
+    assert not outcome.findings, f"{name}: {outcome.table}\n{repeat_line(name, outcome)}"
 
 
-def again(name, found):
+def repeat_line(name, outcome):
     """Return the lines that judge the first input of each finding alone."""
     test = f"pytest tests/fuzz/test_fuzz.py -k 'damaged and {name}'"
     return "\n".join(
         f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ={at[0]}:{at[0] + 1} {test}"
-        for at in found.findings.values()
+        for at in outcome.findings.values()
     )
 
 
 def test_a_finding_is_judged_again_by_what_is_typed(monkeypatch):
-    found = Judged(findings={"hang": [17, 30]})
-    (line,) = again("csv", found).splitlines()
+    outcome = Outcome(findings={"hang": [17, 30]})
+    (line,) = repeat_line("csv", outcome).splitlines()
     assert f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ=17:18 pytest" in line
     monkeypatch.setenv("BAQUEANO_FUZZ", "17:18")
     assert list(numbers()) == [17]
     assert draw("csv", 17).random() == draw("csv", 17).random() != draw("csv", 18).random()
 
 
-def ours_or_a_value(read, *inputs):
+def ours_or_a_value(reader, *inputs):
     with suppress(BaqueanoError):
-        read(*inputs)
+        reader(*inputs)
 
 
 @settings(max_examples=40, derandomize=True)
 @given(noise=st.binary(max_size=200))
 def test_noise_is_an_error_of_ours_or_a_value(noise, tmp_path_factory):
     folder = tmp_path_factory.getbasetemp()
-    for name, read in (("x.mcap", read_run), ("x.toml", load), ("m.toml", load_map), ("x.csv", read_route)):
+    for name, reader in (("x.mcap", read_run), ("x.toml", load), ("m.toml", load_map), ("x.csv", read_route)):
         for data in (noise, b"\x89MCAP0\r\n" + noise):
             (folder / name).write_bytes(data)
-            ours_or_a_value(read, folder / name)
+            ours_or_a_value(reader, folder / name)
     assert decoded(noise) is None
 
 

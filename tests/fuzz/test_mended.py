@@ -16,54 +16,54 @@ from tests.fuzz.formats import MAP, log
 
 
 @pytest.fixture
-def imported(tmp_path):
+def import_log(tmp_path):
     """Import the recording of the fuzzer, with one text in place of another in the map, or in the log."""
 
-    def made(before="", after="", of_log=("", "")):
+    def import_texts(before="", after="", of_log=("", "")):
         (tmp_path / "log.csv").write_text(log().replace(*of_log, 1), encoding="utf-8")
         (tmp_path / "log.toml").write_text(MAP.replace(before, after, 1), encoding="utf-8")
         return import_runs(tmp_path / "log.toml")
 
-    return made
+    return import_texts
 
 
-def test_the_recording_of_the_fuzzer_is_sound(imported):
-    (found,) = imported()
-    assert len(found.run.t_ns) > 30
+def test_the_recording_of_the_fuzzer_is_sound(import_log):
+    (imported_run,) = import_log()
+    assert len(imported_run.run.t_ns) > 30
 
 
 @pytest.mark.parametrize(
     "key", ["scale = 0.00392157", "radius_m = 0.03", "split_gap_s = 5.0", "counts_per_turn = 600"]
 )
-def test_a_whole_number_of_a_map_that_no_double_holds_is_refused(imported, key):
+def test_a_whole_number_of_a_map_that_no_double_holds_is_refused(import_log, key):
     with refused("map.wrong", FileError):
-        imported(key, f"{key.split(' = ')[0]} = {'9' * 400}")
+        import_log(key, f"{key.split(' = ')[0]} = {'9' * 400}")
 
 
-def test_a_word_that_no_row_has_is_reported_also_where_it_is_a_number_without_end(imported):
+def test_a_word_that_no_row_has_is_reported_also_where_it_is_a_number_without_end(import_log):
     with pytest.raises(FileError):
-        imported("ok = 1", f"ok = {'9' * 400}")
+        import_log("ok = 1", f"ok = {'9' * 400}")
 
 
 @pytest.mark.parametrize("name", ["x" * 5000 + ".csv", "**x/*.csv", "/*.csv/**"])
-def test_a_file_name_that_no_system_takes_is_of_no_file(imported, name):
+def test_a_file_name_that_no_system_takes_is_of_no_file(import_log, name):
     with refused("import.file-absent", FileError):
-        imported("log.csv", name)
+        import_log("log.csv", name)
 
 
 @pytest.mark.parametrize("time", ["1e305", "9223372036854775807", "-9223372036854775808", "9" * 300])
-def test_a_time_that_64_bits_do_not_hold_is_not_known(imported, time):
+def test_a_time_that_64_bits_do_not_hold_is_not_known(import_log, time):
     """In milliseconds it became another time, without a word."""
     try:
-        found = imported(of_log=("\n20,", f"\n{time},"))
+        runs = import_log(of_log=("\n20,", f"\n{time},"))
     except FileError:
         return
-    assert all(one.run.duration_s < 1.0 for one in found)
+    assert all(imported_run.run.duration_s < 1.0 for imported_run in runs)
 
 
-def test_wraps_so_small_that_nothing_is_known_of_the_count(imported):
+def test_wraps_so_small_that_nothing_is_known_of_the_count(import_log):
     with pytest.raises(FileError):
-        imported("wraps = 65536", "wraps = 5e-324")
+        import_log("wraps = 65536", "wraps = 5e-324")
 
 
 def test_a_pose_at_the_end_of_the_world_takes_no_memory():
@@ -71,7 +71,7 @@ def test_a_pose_at_the_end_of_the_world_takes_no_memory():
     eta[:, 0] = 0.01 * np.arange(50)
     eta[20, 0] = 1e15
     truth = TruthLog(20_000_000 * np.arange(50), eta, eta, eta)
-    assert [one.kind for one in course_and_heading(truth)] in ([], ["unit"])
+    assert [doubt.kind for doubt in course_and_heading(truth)] in ([], ["unit"])
 
 
 @pytest.mark.parametrize(

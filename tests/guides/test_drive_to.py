@@ -21,11 +21,11 @@ def at(eta, tick=0, v=0.0):
 
 def followed(guide, start, ticks=1500):
     """References of a vehicle that is where it is wanted, to the end."""
-    state, out, here = guide.init(), [], np.array(start, float)
+    state, out, pose = guide.init(), [], np.array(start, float)
     for k in range(ticks):
-        state, reference = guide.step(state, at(here, k))
+        state, reference = guide.step(state, at(pose, k))
         out.append(reference)
-        here = reference.eta
+        pose = reference.eta
         if reference.done > 0.0:
             break
     return state, out
@@ -62,8 +62,8 @@ def test_it_leads_onto_a_route_within_radius_and_speed(start, radius_m, speed_m_
     assert np.max(steps) <= 1.01 * speed_m_s * DT
     assert np.max(np.abs(nu[:, 2])) <= 1.001 * speed_m_s / radius_m
     tau_s, v, ahead = state.goal
-    there = [np.interp(tau_s, route.t_s, route.eta[:, i]) for i in range(3)]
-    np.testing.assert_allclose(eta[-1, :2], there[:2], atol=1e-6)
+    start_eta = [np.interp(tau_s, route.t_s, route.eta[:, i]) for i in range(3)]
+    np.testing.assert_allclose(eta[-1, :2], start_eta[:2], atol=1e-6)
     assert (v, ahead) == pytest.approx((speed_m_s, 1.0))
     assert out[-1].done == 1.0
 
@@ -74,8 +74,8 @@ def test_the_velocity_is_that_of_its_poses():
     off = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - nu[1:, 2])
     assert np.sum(off > 0.02) <= 2  # where an arc ends
     assert np.max(np.abs(nu[:, 2])) == pytest.approx(0.2 / 0.25)
-    moved = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
-    np.testing.assert_allclose(moved, nu[1:, 0], atol=2e-3)
+    speeds = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
+    np.testing.assert_allclose(speeds, nu[1:, 0], atol=2e-3)
 
 
 def test_it_begins_at_the_speed_that_the_vehicle_has_and_arrives_at_rest():
@@ -116,6 +116,6 @@ def test_compiled_and_as_written_it_gives_the_same_reference():
         (state._replace(sigma_m=0.6), at([0.5, 0.2, 0.7], 3)),
     ):
         plain = guide.step(state_k, now)[1]
-        other = function(guide.step, state_k, now, backend="python")(state_k, now)[1]
-        np.testing.assert_allclose(other.eta, plain.eta, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(other.nu, plain.nu, rtol=1e-9, atol=1e-12)
+        compiled = function(guide.step, state_k, now, backend="python")(state_k, now)[1]
+        np.testing.assert_allclose(compiled.eta, plain.eta, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(compiled.nu, plain.nu, rtol=1e-9, atol=1e-12)

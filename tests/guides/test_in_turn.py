@@ -35,10 +35,10 @@ def test_a_way_that_is_shorter_than_the_route_to_there_leads_on_too(kind):
 def test_from_the_start_of_the_route_it_is_the_route_bit_for_bit():
     route = circle(0.5, 0.2)
     plain, led = Repeat.along(route, 2), InTurn.led_in(Repeat.along(route, 2), route)
-    state, other = plain.init(), led.init()
+    state, led_state = plain.init(), led.init()
     for k in range(60):
-        here = at(route.eta[0], k)
-        (state, a), (other, b) = plain.step(state, here), led.step(other, here)
+        estimate = at(route.eta[0], k)
+        (state, a), (led_state, b) = plain.step(state, estimate), led.step(led_state, estimate)
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
@@ -49,10 +49,10 @@ class Counts:
         return -1
 
     def step(self, state, estimate):
-        begun = np.where(state < 0, estimate.t_ns, state)
+        start_ns = np.where(state < 0, estimate.t_ns, state)
         reference = Repeat.along(line(2.0, 0.2)).step(Repeat.along(line(2.0, 0.2)).init(), estimate)[1]
-        x = 0.2e-9 * (estimate.t_ns - begun)
-        return begun, reference._replace(eta=np.array([x, 0.0, 0.0]), done=np.where(x >= 2.0, 1.0, 0.0))
+        x = 0.2e-9 * (estimate.t_ns - start_ns)
+        return start_ns, reference._replace(eta=np.array([x, 0.0, 0.0]), done=np.where(x >= 2.0, 1.0, 0.0))
 
 
 def test_a_guide_of_ones_own_begins_where_the_way_meets_its_route():

@@ -11,27 +11,27 @@ from tests.guides.test_drive_to import DT, at
 ROUTE = circle(0.5, 0.2)
 
 
-def driven(guide, ticks, wants=None):
-    state, out, here = guide.init(), [], ROUTE.eta[0]
+def drive_guide(guide, ticks, requests=None):
+    state, out, pose = guide.init(), [], ROUTE.eta[0]
     for k in range(ticks):
-        if wants and k in wants:
-            guide.want("holder", wants[k])
-        state, reference = guide.step(state, at(here, k))
+        if requests and k in requests:
+            guide.want("holder", requests[k])
+        state, reference = guide.step(state, at(pose, k))
         out.append(reference)
-        here = reference.eta
+        pose = reference.eta
     return out
 
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 def test_at_full_pace_it_is_the_guide_itself_bit_for_bit(kind):
-    plain, paced = driven(kind.along(ROUTE), 60), driven(AtPace(kind.along(ROUTE)), 60)
+    plain, paced = drive_guide(kind.along(ROUTE), 60), drive_guide(AtPace(kind.along(ROUTE)), 60)
     for a, b in zip(plain, paced, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
 def test_a_pause_brakes_waits_and_goes_on_from_there():
     guide = PacedGuide(Repeat.along(ROUTE))
-    out = driven(guide, 400, {80: 0.0, 250: 1.0})
+    out = drive_guide(guide, 400, {80: 0.0, 250: 1.0})
     v = np.array([r.nu[0] for r in out])
     way = np.unwrap([r.eta[2] for r in out]) * 0.5
     assert v[79] == pytest.approx(0.2)

@@ -113,7 +113,7 @@ class Plain:
         return state, Repeat.along(circle(0.3, 0.2), self.laps).step(Repeat.along(LINE).init(), estimate)[1]
 
 
-class Slotted(Plain):
+class SlottedGuide(Plain):
     __slots__ = ("laps",)
 
 
@@ -122,10 +122,10 @@ class Without:
         return None
 
 
-@pytest.mark.parametrize("guide", [Plain(), Slotted(), Repeat.along(LINE), SinuousCircle()])
+@pytest.mark.parametrize("guide", [Plain(), SlottedGuide(), Repeat.along(LINE), SinuousCircle()])
 def test_a_guide_of_any_class_is_given_its_laps_and_stays_as_it_is(guide):
-    other = with_laps(guide, 3)
-    assert (type(other), other.laps, guide.laps) == (type(guide), 3, 1)
+    guide_of_laps = with_laps(guide, 3)
+    assert (type(guide_of_laps), guide_of_laps.laps, guide.laps) == (type(guide), 3, 1)
     assert with_laps(guide, 1) is guide
 
 
@@ -135,10 +135,10 @@ def test_a_guide_that_knows_no_laps_stays_as_it_is():
 
 
 def test_laps_that_are_checked_or_cannot_be_set_are_refused_in_words():
-    class Fixed:
+    class GuideOfConstantLaps:
         laps = property(lambda self: 1)
 
-    with refused("route.laps-kept", UsageError, kind="Fixed", before=1, laps=3):
-        with_laps(Fixed(), 3)
+    with refused("route.laps-kept", UsageError, kind="GuideOfConstantLaps", before=1, laps=3):
+        with_laps(GuideOfConstantLaps(), 3)
     with refused("route.laps-kept", UsageError):
         with_laps(Repeat.along(LINE), -1)

@@ -27,7 +27,7 @@ def coarse(route, every):
     return route._replace(t_s=route.t_s[::every], eta=route.eta[::every], nu=route.nu[::every])
 
 
-def driven(guide, place, ticks):
+def drive_guide(guide, place, ticks):
     """References to a vehicle whose pose is place(tick, reference before)."""
     state, reference, out = guide.init(), None, []
     for k in range(ticks):
@@ -42,7 +42,7 @@ def on_it(k, reference):
 
 def test_a_vehicle_that_keeps_up_is_led_as_by_the_time():
     route = eight(0.6, 0.2)
-    references = driven(RepeatByProgress.along(route), on_it, 400)
+    references = drive_guide(RepeatByProgress.along(route), on_it, 400)
     want = [np.interp(399 * DT, route.t_s, route.eta[:, i]) for i in range(2)]
     np.testing.assert_allclose(references[-1].eta[:2], want, atol=1e-6)
     assert references[200].nu[0] == pytest.approx(0.2)
@@ -50,7 +50,7 @@ def test_a_vehicle_that_keeps_up_is_led_as_by_the_time():
 
 def test_it_waits_for_a_vehicle_that_is_held():
     guide = RepeatByProgress.along(circle(1.0, 0.2))
-    last = driven(guide, lambda k, _: np.zeros(3), 1000)[-1]
+    last = drive_guide(guide, lambda k, _: np.zeros(3), 1000)[-1]
     way = np.arctan2(last.eta[0], 1.0 - last.eta[1])
     assert way == pytest.approx(guide.slack_m + 0.2 * guide.slack_s + guide.wait_m, abs=0.01)
     assert last.nu == pytest.approx(np.zeros(3), abs=1e-3)
@@ -60,10 +60,10 @@ def test_it_waits_for_a_vehicle_that_is_held():
 def test_it_comes_back_to_a_vehicle_that_was_pushed_back_and_goes_on():
     guide, back = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.4, 1.0 - np.cos(0.41), 0.41])
 
-    def pushed(k, reference):
+    def push(k, reference):
         return on_it(k, reference) if k < 400 else back
 
-    references = driven(guide, pushed, 1000)
+    references = drive_guide(guide, push, 1000)
     way = [np.arctan2(r.eta[0], 1.0 - r.eta[1]) for r in references]
     assert way[399] > 0.75
     assert 0.41 < way[-1] < 0.65
@@ -72,8 +72,8 @@ def test_it_comes_back_to_a_vehicle_that_was_pushed_back_and_goes_on():
 
 def test_it_catches_up_with_a_vehicle_that_was_put_in_front():
     guide, ahead = RepeatByProgress.along(circle(1.0, 0.2)), 0.4
-    there = np.array([np.sin(ahead), 1.0 - np.cos(ahead), ahead])
-    references = driven(guide, lambda k, _: there, 150)
+    pose = np.array([np.sin(ahead), 1.0 - np.cos(ahead), ahead])
+    references = drive_guide(guide, lambda k, _: pose, 150)
     assert references[-1].eta[2] > 0.9 * 0.2 * 150 * DT
     assert max(r.nu[0] for r in references) == pytest.approx(0.2 * guide.fastest)
 
@@ -89,7 +89,7 @@ def test_no_crossing_of_an_eight_is_a_short_cut():
 
 def test_a_lap_ends_and_the_guide_is_done():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
-    last = driven(RepeatByProgress.along(route), on_it, round(route.t_s[-1] / DT) + 5)[-1]
+    last = drive_guide(RepeatByProgress.along(route), on_it, round(route.t_s[-1] / DT) + 5)[-1]
     assert last.done == 1.0
     assert last.nu == pytest.approx(np.zeros(3))
 
@@ -103,9 +103,9 @@ def test_compiled_and_as_written_it_gives_the_same_reference():
     state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
     plain = guide.step(state, now)[1]
     for backend in ("c", "python"):
-        other = function(guide.step, state, now, backend=backend)(state, now)[1]
-        np.testing.assert_allclose(other.eta, plain.eta, rtol=1e-12)
-        np.testing.assert_allclose(other.nu, plain.nu, rtol=1e-12)
+        compiled = function(guide.step, state, now, backend=backend)(state, now)[1]
+        np.testing.assert_allclose(compiled.eta, plain.eta, rtol=1e-12)
+        np.testing.assert_allclose(compiled.nu, plain.nu, rtol=1e-12)
 
 
 class LookAtAll(RepeatByProgress):
@@ -117,16 +117,20 @@ class LookAtAll(RepeatByProgress):
         return 10**6, 10**6
 
 
-@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("is_closed", [True, False])
 @pytest.mark.parametrize("shape", [eight(0.6, 0.2), circle(1.0, 0.2), rectangle(4.0, 3.0, 0.2, 0.2)])
-def test_points_out_of_reach_need_not_be_looked_at(shape, closed):
-    route, random = shape._replace(closed=closed), np.random.default_rng(0)
+def test_points_out_of_reach_need_not_be_looked_at(shape, is_closed):
+    route, random = shape._replace(closed=is_closed), np.random.default_rng(0)
     near, every = (kind.along(route, 2) for kind in (RepeatByProgress, LookAtAll))
     for _ in range(100):
-        beside = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
-        state = near.init()._replace(t_ns=20_000_000, tau_s=random.uniform(0.0, (1 + closed) * route.t_s[-1]))
-        (mine, reference), (other, expected) = (guide.step(state, at(beside, 3)) for guide in (near, every))
-        assert mine.tau_s == pytest.approx(other.tau_s, abs=1e-12)
+        pose = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
+        state = near.init()._replace(
+            t_ns=20_000_000, tau_s=random.uniform(0.0, (1 + is_closed) * route.t_s[-1])
+        )
+        (near_state, reference), (full_state, expected) = (
+            guide.step(state, at(pose, 3)) for guide in (near, every)
+        )
+        assert near_state.tau_s == pytest.approx(full_state.tau_s, abs=1e-12)
         np.testing.assert_allclose(reference.eta, expected.eta, atol=1e-12)
         np.testing.assert_allclose(reference.nu, expected.nu, atol=1e-12)
 

@@ -15,7 +15,7 @@ def case():
 
 
 @pytest.fixture(scope="session")
-def driven(case):
+def case_run(case):
     """(seed, seconds) → a run of case study I."""
 
     def drive(seed, duration_s=60.0, file=case, **options):

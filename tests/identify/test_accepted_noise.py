@@ -16,18 +16,18 @@ FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
 GYRO, HEADING = ("imu", 2), 2
 
 
-def driven(seconds_, seed, **truth):
+def drive_fit(seconds_, seed, **truth):
     u = excitation("random_steps", SMALL.command.limit, seconds_, SMALL.rate_hz, seed=seed)
     return experiment(SMALL, u, truth=SMALL.with_values(truth), seed=seed)
 
 
 @pytest.fixture(scope="module")
 def fit():
-    return identify(run := driven(30.0, 1), SMALL, FREE), run
+    return identify(run := drive_fit(30.0, 1), SMALL, FREE), run
 
 
 @pytest.fixture(scope="module")
-def alone(fit):
+def imu_filter(fit):
     """What the run of the fit tells of the noise, without another."""
     return measure_noise(*fit)
 
@@ -36,36 +36,36 @@ def variance(noise):
     return noise.in_motion[GYRO[0]][GYRO[1], GYRO[1]]
 
 
-def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, alone):
-    checked = measure_noise(*fit, held_out=[driven(40.0, 2)])
-    assert alone.accepted is None
-    assert checked.accepted is not None
-    assert not checked.accepted.disagrees
-    assert checked.accepted.message.code == "noise.holds-simulated"
-    assert "heading: " in checked.accepted.message.figures["nees"]
-    assert text(checked.accepted.message) in checked.table()
-    assert variance(checked) == pytest.approx(variance(alone))
+def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, imu_filter):
+    noise = measure_noise(*fit, held_out=[drive_fit(40.0, 2)])
+    assert imu_filter.accepted is None
+    assert noise.accepted is not None
+    assert not noise.accepted.disagrees
+    assert noise.accepted.message.code == "noise.holds-simulated"
+    assert "heading: " in noise.accepted.message.figures["nees"]
+    assert text(noise.accepted.message) in noise.table()
+    assert variance(noise) == pytest.approx(variance(imu_filter))
 
 
-def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, alone):
+def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, imu_filter):
     """A gyro that scatters five times as far as on the day of the fit."""
-    noisy = driven(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
-    checked = measure_noise(*fit, held_out=[noisy])
-    assert checked.accepted is not None
-    assert checked.accepted.message.code in ("noise.found-again", "noise.still-off")
-    assert "imu[2]" in checked.accepted.message.figures["nis"]
-    alone = measure_noise(*fit)
-    assert variance(checked) + np.sum(checked.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
-        variance(alone) + np.sum(alone.fields["velocity_walk_std"][2] ** 2)
+    noisy = drive_fit(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
+    noise = measure_noise(*fit, held_out=[noisy])
+    assert noise.accepted is not None
+    assert noise.accepted.message.code in ("noise.found-again", "noise.still-off")
+    assert "imu[2]" in noise.accepted.message.figures["nis"]
+    imu_filter = measure_noise(*fit)
+    assert variance(noise) + np.sum(noise.fields["velocity_walk_std"][2] ** 2) > 2.0 * (
+        variance(imu_filter) + np.sum(imu_filter.fields["velocity_walk_std"][2] ** 2)
     )
-    assert checked.verdict == ("WARN" if checked.accepted.disagrees else "USABLE")
+    assert noise.verdict == ("WARN" if noise.accepted.disagrees else "USABLE")
 
 
 def test_a_run_of_a_few_seconds_tells_nothing_of_the_noise(fit):
-    accepted = measure_noise(*fit, held_out=[driven(6.0, 3)]).accepted
-    assert accepted is not None
-    assert accepted.message.code == "noise.too-short"
-    assert not accepted.disagrees
+    accepted_noise = measure_noise(*fit, held_out=[drive_fit(6.0, 3)]).accepted
+    assert accepted_noise is not None
+    assert accepted_noise.message.code == "noise.too-short"
+    assert not accepted_noise.disagrees
 
 
 def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(fit, monkeypatch):
@@ -76,7 +76,7 @@ def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(f
         return e, P / np.where(np.arange(6) == HEADING, 9.0, 1.0)[:, None]
 
     monkeypatch.setattr(accepted_noise, "simulated_errors", surer)
-    wrong = measure_noise(*fit, held_out=[driven(40.0, 2)]).accepted
+    wrong = measure_noise(*fit, held_out=[drive_fit(40.0, 2)]).accepted
     assert wrong is not None
     assert wrong.disagrees
     assert wrong.message.code == "noise.nees-off"
@@ -89,6 +89,6 @@ def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(f
      (np.nan, np.nan, "cannot tell")],
 )  # fmt: skip
 def test_only_what_chance_does_not_explain_disagrees(low, high, verdict):
-    one = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
-    assert one.verdict == verdict
-    assert one.disagrees == verdict.startswith("too")
+    square = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
+    assert square.verdict == verdict
+    assert square.disagrees == verdict.startswith("too")

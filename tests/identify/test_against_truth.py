@@ -34,7 +34,7 @@ TRUE = {
 }
 
 
-def filmed(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_rad"]):
+def film(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_rad"]):
     """The run with a camera's truth: 25 frames a second, noise, its clock `late_s` behind, its mark turned."""
     rng, truth = np.random.default_rng(seed), run.truth
     eta = truth.eta[::2] + rng.normal(size=truth.eta[::2].shape) * [0.002, 0.002, 0.01] + [0, 0, turned_rad]
@@ -45,7 +45,7 @@ def filmed(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_
 
 
 @pytest.fixture(scope="module")
-def believed():
+def assumed_file():
     """The garage's car, whose sensors are believed to be perfect."""
     return load("car").with_values(
         {"sensors.imu.gyro_scale": 1.0, "sensors.imu.gyro_bias": 0.0, "sensors.odometer.scale": 1.0}
@@ -53,110 +53,112 @@ def believed():
 
 
 @pytest.fixture(scope="module")
-def drive(believed):
+def drive(assumed_file):
     """seed → a filmed run of a car whose sensors are not."""
-    true = believed.with_values({name: value for name, value in TRUE.items() if name.startswith("sensors.")})
+    true = assumed_file.with_values(
+        {name: value for name, value in TRUE.items() if name.startswith("sensors.")}
+    )
 
-    def driven(seed, duration_s=60.0):
+    def run_of_seed(seed, duration_s=60.0):
         u = random_steps([0.5, 0.8], duration_s, true.rate_hz, seed)
-        return filmed(simulate(true, u, seed), seed)
+        return film(simulate(true, u, seed), seed)
 
-    return driven
+    return run_of_seed
 
 
-def test_everything_is_found_within_its_error_bars(believed, drive):
+def test_everything_is_found_within_its_error_bars(assumed_file, drive):
     inside = []
     for seed in range(6):
-        found = calibrate(drive(seed), believed)
-        assert found.verdict == "USABLE", found.reasons
-        assert abs(found.value("clock.truth") - TRUE["clock.truth"]) < 0.003
-        inside += [row["low"] <= TRUE[row["name"]] <= row["high"] for row in found.rows()]
+        fit = calibrate(drive(seed), assumed_file)
+        assert fit.verdict == "USABLE", fit.reasons
+        assert abs(fit.value("clock.truth") - TRUE["clock.truth"]) < 0.003
+        inside += [row["low"] <= TRUE[row["name"]] <= row["high"] for row in fit.rows()]
     assert len(inside) == 42
     assert sum(inside) >= 36
 
 
-def test_error_bars_are_not_wide(believed, drive):
-    rows = {row["name"]: row for row in calibrate(drive(0), believed).rows()}
+def test_error_bars_are_not_wide(assumed_file, drive):
+    rows = {row["name"]: row for row in calibrate(drive(0), assumed_file).rows()}
     assert rows["sensors.imu.gyro_scale"]["sd"] < 0.005
     assert rows["sensors.odometer.scale"]["sd"] < 0.005
     assert rows["clock.truth"]["sd"] < 0.003
 
 
-def test_the_convention_of_the_scale_is_reported_both_ways(believed, drive):
-    found = calibrate(drive(0), believed)
-    row = found.rows()[1]
+def test_the_convention_of_the_scale_is_reported_both_ways(assumed_file, drive):
+    fit = calibrate(drive(0), assumed_file)
+    row = fit.rows()[1]
     assert row["name"] == "sensors.imu.gyro_scale"
     assert row["text"] == f"the truth turns {1.0 / row['value']:.4f} times as much as the gyro"
-    assert "to be added to the truth's stamps" in found.table()
+    assert "to be added to the truth's stamps" in fit.table()
 
 
-def test_the_file_takes_the_scales_and_says_where_they_come_from(believed, drive):
+def test_the_file_takes_the_scales_and_says_where_they_come_from(assumed_file, drive):
     run = drive(0)
-    found = calibrate(run, believed)
-    file = found.updated(believed)
+    fit = calibrate(run, assumed_file)
+    file = fit.updated(assumed_file)
     assert file.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
     assert file.provenance["sensors.odometer.scale"].run == run.name
-    again = {row["name"]: row for row in calibrate(run, file).rows()}
-    assert again["sensors.imu.gyro_scale"]["in_file"] == pytest.approx(found.value("sensors.imu.gyro_scale"))
+    second = {row["name"]: row for row in calibrate(run, file).rows()}
+    assert second["sensors.imu.gyro_scale"]["in_file"] == pytest.approx(fit.value("sensors.imu.gyro_scale"))
 
 
-def test_without_a_gyro_the_odometer_finds_the_clock(believed, drive):
+def test_without_a_gyro_the_odometer_finds_the_clock(assumed_file, drive):
     run = drive(1)
-    found = calibrate(replace(run, sensors={"odometer": run.sensors["odometer"]}), believed)
-    assert found.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.02)
-    assert found.rows()[0]["low"] < TRUE["clock.truth"] < found.rows()[0]["high"]
+    fit = calibrate(replace(run, sensors={"odometer": run.sensors["odometer"]}), assumed_file)
+    assert fit.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.02)
+    assert fit.rows()[0]["low"] < TRUE["clock.truth"] < fit.rows()[0]["high"]
 
 
-def test_a_jump_of_the_camera_hardly_matters(believed, drive):
+def test_a_jump_of_the_camera_hardly_matters(assumed_file, drive):
     run = drive(2)
     eta = run.truth.eta.copy()
     eta[np.random.default_rng(0).integers(0, len(eta), 20)] += [0.5, -0.5, 1.0]
-    found = calibrate(replace(run, truth=run.truth._replace(eta=eta)), believed)
-    assert found.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
-    assert found.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.004)
+    fit = calibrate(replace(run, truth=run.truth._replace(eta=eta)), assumed_file)
+    assert fit.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
+    assert fit.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.004)
 
 
-def test_a_car_that_hardly_turns_is_a_doubt(believed):
-    u = random_steps([0.5, 0.0], 60.0, believed.rate_hz, 0)
-    found = calibrate(filmed(simulate(believed, u, 0), 0), believed)
-    assert found.verdict == "WARN"
-    assert "calibration.turn-more" in [one.code for one in found.reasons]
+def test_a_car_that_hardly_turns_is_a_doubt(assumed_file):
+    u = random_steps([0.5, 0.0], 60.0, assumed_file.rate_hz, 0)
+    fit = calibrate(film(simulate(assumed_file, u, 0), 0), assumed_file)
+    assert fit.verdict == "WARN"
+    assert "calibration.turn-more" in [reason.code for reason in fit.reasons]
 
 
-def test_without_a_truth_that_is_reported_with_what_to_do(believed, drive):
+def test_without_a_truth_that_is_reported_with_what_to_do(assumed_file, drive):
     with pytest.raises(UsageError, check=of_code("truth.none")):
-        calibrate(replace(drive(0, 20.0), truth=None), believed)
+        calibrate(replace(drive(0, 20.0), truth=None), assumed_file)
 
 
-def test_a_truth_without_heading_is_left_to_a_fit(believed, drive):
+def test_a_truth_without_heading_is_left_to_a_fit(assumed_file, drive):
     run = drive(0, 20.0)
     eta = run.truth.eta * [1.0, 1.0, np.nan]
     with pytest.raises(UsageError, check=of_code("truth.no-heading")):
-        calibrate(replace(run, truth=run.truth._replace(eta=eta)), believed)
+        calibrate(replace(run, truth=run.truth._replace(eta=eta)), assumed_file)
 
 
-def test_without_a_sensor_that_is_reported(believed, drive):
+def test_without_a_sensor_that_is_reported(assumed_file, drive):
     with pytest.raises(UsageError, check=of_code("truth.no-sensor")):
-        calibrate(replace(drive(0, 20.0), sensors={}), believed)
+        calibrate(replace(drive(0, 20.0), sensors={}), assumed_file)
 
 
-def test_a_short_run_is_refused_with_its_length(believed, drive):
+def test_a_short_run_is_refused_with_its_length(assumed_file, drive):
     with pytest.raises(UsageError, check=of_code("truth.short-overlap", needed_s=16.0)):
-        calibrate(drive(0, 10.0), believed)
+        calibrate(drive(0, 10.0), assumed_file)
 
 
-def test_a_silent_camera_is_refused(believed, drive):
+def test_a_silent_camera_is_refused(assumed_file, drive):
     run = drive(0)
     seldom = TruthLog(*(column[::25] for column in run.truth))
     with pytest.raises(UsageError, check=of_code("truth.silent", windows=0)):
-        calibrate(replace(run, truth=seldom), believed)
+        calibrate(replace(run, truth=seldom), assumed_file)
 
 
 @pytest.mark.parametrize(
-    ("probability", "freedom", "known"), [(0.975, 7, 2.3646), (0.975, 20, 2.0860), (0.999, 11, 4.0247)]
+    ("probability", "freedom", "quantile"), [(0.975, 7, 2.3646), (0.975, 20, 2.0860), (0.999, 11, 4.0247)]
 )
-def test_students_quantile_is_that_of_the_tables(probability, freedom, known):
-    assert students(probability, freedom) == pytest.approx(known, abs=4e-3)
+def test_students_quantile_is_that_of_the_tables(probability, freedom, quantile):
+    assert students(probability, freedom) == pytest.approx(quantile, abs=4e-3)
 
 
 def test_error_bars_of_a_regression_hold_with_coloured_residuals():
@@ -176,23 +178,23 @@ def test_error_bars_of_a_regression_hold_with_coloured_residuals():
 @pytest.mark.parametrize(("name", "late_s"), [("cpm_run_a", 0.045), ("cpm_run_b", 0.040)])
 def test_a_real_gyro_and_the_clock_of_its_camera(cpm_recordings, name, late_s):
     run = import_run(name).run  # its map has the offset in it already
-    found = calibrate(run, load("car"))
-    assert 1.0 / found.value("sensors.imu.gyro_scale") == pytest.approx(0.966, abs=0.003)
-    assert abs(found.value("clock.truth")) < 0.010
+    fit = calibrate(run, load("car"))
+    assert 1.0 / fit.value("sensors.imu.gyro_scale") == pytest.approx(0.966, abs=0.003)
+    assert abs(fit.value("clock.truth")) < 0.010
 
 
 def test_the_command_line_writes_the_scales_into_the_vehicle_file(
-    believed, drive, tmp_path, monkeypatch, capsys
+    assumed_file, drive, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
-    believed.save(tmp_path / "my.toml")
+    assumed_file.save(tmp_path / "my.toml")
     write_run(drive(0), tmp_path / "filmed.mcap")
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["runs", "calibrate", "filmed.mcap", "--vehicle", "my.toml", "--update", "--json"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     assert reply["verdict"] == "USABLE"
-    found = {row["name"]: row["value"] for row in reply["rows"]}
+    scales = {row["name"]: row["value"] for row in reply["rows"]}
     scale = load(tmp_path / "my.toml").sensors.imu.gyro_scale
-    assert scale == pytest.approx(found["sensors.imu.gyro_scale"], rel=1e-4)
+    assert scale == pytest.approx(scales["sensors.imu.gyro_scale"], rel=1e-4)
     assert scale == pytest.approx(1.04, abs=0.01)

@@ -15,7 +15,7 @@ from tests.codes import of_code
 RATE = 100.0
 
 
-def made(white, flicker, walk, seed, n=60_000):
+def noise_of(white, flicker, walk, seed, n=60_000):
     """White noise and a random walk per √Hz and s^1.5; flicker from shaped white noise."""
     rng = np.random.default_rng(seed)
     y = white * np.sqrt(RATE) * rng.normal(size=n)
@@ -40,14 +40,14 @@ def test_the_deviation_is_that_of_allantools():
 
 
 def test_a_bias_does_not_show():
-    y = made(1e-3, 0.0, 0.0, 1)
+    y = noise_of(1e-3, 0.0, 0.0, 1)
     np.testing.assert_allclose(allan(y + 7.0, RATE).deviation, allan(y, RATE).deviation, rtol=1e-9)
 
 
 def test_white_noise_falls_with_the_root_of_time_inside_its_interval():
     inside = 0
     for seed in range(40):
-        curve = allan(made(1e-3, 0.0, 0.0, seed, 4096), RATE)
+        curve = allan(noise_of(1e-3, 0.0, 0.0, seed, 4096), RATE)
         truth = 1e-3 / np.sqrt(curve.tau_s)
         inside += int(np.sum((curve.low <= truth) & (truth <= curve.high))[()]) * 8 / len(truth)
     assert 287 <= inside <= 317
@@ -57,15 +57,15 @@ def test_white_noise_falls_with_the_root_of_time_inside_its_interval():
     ("truth", "part"), [((1e-3, 0.0, 0.0), 0), ((1e-3, 0.0, 5e-4), 2), ((1e-4, 1e-3, 0.0), 1)]
 )
 def test_each_coefficient_is_found_where_it_is(truth, part):
-    found = [coefficients(allan(made(*truth, seed), RATE)) for seed in range(8)]
-    value = np.median([c.value[part] for c in found])
+    fits = [coefficients(allan(noise_of(*truth, seed), RATE)) for seed in range(8)]
+    value = np.median([c.value[part] for c in fits])
     assert value == pytest.approx(truth[part], rel=0.15)
-    assert all(c.measurable[part] for c in found)
+    assert all(c.measurable[part] for c in fits)
 
 
 def test_what_is_not_there_is_not_seen():
-    found = [coefficients(allan(made(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
-    assert sum(c.measurable[1:].any() for c in found) <= 2
+    fits = [coefficients(allan(noise_of(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
+    assert sum(c.measurable[1:].any() for c in fits) <= 2
 
 
 def test_chi_square_is_that_of_scipy():
@@ -75,7 +75,7 @@ def test_chi_square_is_that_of_scipy():
 
 
 @pytest.mark.parametrize(
-    ("y", "rate", "n", "says"),
+    ("y", "rate", "n", "code"),
     [
         (np.zeros(3), 100.0, None, "allan.numbers"),
         (np.full(50, np.nan), 100.0, None, "allan.numbers"),
@@ -83,6 +83,6 @@ def test_chi_square_is_that_of_scipy():
         (np.zeros(50), 100.0, np.array([40]), "allan.averages"),
     ],
 )
-def test_what_has_no_deviation_is_refused(y, rate, n, says):
-    with pytest.raises(UsageError, check=of_code(says)):
+def test_what_has_no_deviation_is_refused(y, rate, n, code):
+    with pytest.raises(UsageError, check=of_code(code)):
         allan(y, rate, n)

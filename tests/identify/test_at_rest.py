@@ -13,27 +13,27 @@ from tests.codes import of_code
 
 
 @pytest.fixture(scope="module")
-def still(small):
+def resting_run(small):
     """Two minutes of the small vehicle with its motors off, on a floor that does not shake."""
     quiet = small.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
     return simulate(quiet, np.zeros((12_000, 3)), 3)
 
 
-def test_noise_and_bias_of_a_simulated_imu_are_found(still, small):
-    found = at_rest(still)
+def test_noise_and_bias_of_a_simulated_imu_are_found(resting_run, small):
+    rest = at_rest(resting_run)
     imu = small.sensors.imu
     truth = np.array([*imu.accel_noise_std, imu.gyro_noise_std])
-    np.testing.assert_allclose([c.sd for c in found.channels], truth, rtol=0.05)
+    np.testing.assert_allclose([c.sd for c in rest.channels], truth, rtol=0.05)
     np.testing.assert_allclose(
-        [c.coefficients.value[0] for c in found.channels], truth / np.sqrt(imu.rate_hz), rtol=0.1
+        [c.coefficients.value[0] for c in rest.channels], truth / np.sqrt(imu.rate_hz), rtol=0.1
     )
-    gyro = found.channels[2]
+    gyro = rest.channels[2]
     assert abs(gyro.mean - imu.gyro_bias) < 5.0 * gyro.mean_sd
-    assert found.verdict == "USABLE"
+    assert rest.verdict == "USABLE"
 
 
-def test_the_file_takes_what_was_found(still, small):
-    file = at_rest(still).updated(small.with_values({"sensors.imu.gyro_noise_std": 0.5}))
+def test_the_file_takes_what_was_found(resting_run, small):
+    file = at_rest(resting_run).updated(small.with_values({"sensors.imu.gyro_noise_std": 0.5}))
     assert file.sensors.imu.gyro_noise_std == pytest.approx(small.sensors.imu.gyro_noise_std, rel=0.05)
     assert file.sensors.imu.gyro_bias == pytest.approx(small.sensors.imu.gyro_bias, abs=1e-3)
 
@@ -41,48 +41,48 @@ def test_the_file_takes_what_was_found(still, small):
 def test_only_what_follows_a_second_of_rest_is_looked_at(small):
     u = np.zeros((3000, 3))
     u[200:500, 0] = 0.6
-    found = at_rest(simulate(small, u, 1))
-    assert found.duration_s == pytest.approx(24.0, abs=0.05)
+    rest = at_rest(simulate(small, u, 1))
+    assert rest.duration_s == pytest.approx(24.0, abs=0.05)
 
 
-def test_warmth_that_moves_the_bias_is_reported(still):
-    t = still.t_s
+def test_warmth_that_moves_the_bias_is_reported(resting_run):
+    t = resting_run.t_s
     warm = 20.0 + 8.0 * t / t[-1]
-    imu = still.sensors["imu"]
+    imu = resting_run.sensors["imu"]
     z = imu.z.copy()
-    z[:, 2] += 1e-3 * (np.interp(imu.t_ns, still.t_ns, warm) - 20.0)
-    heat = Channel(still.t_ns[::100], still.t_ns[::100], warm[::100, None])
-    found = at_rest(
-        replace(still, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z), "temperature": heat})
+    z[:, 2] += 1e-3 * (np.interp(imu.t_ns, resting_run.t_ns, warm) - 20.0)
+    heat = Channel(resting_run.t_ns[::100], resting_run.t_ns[::100], warm[::100, None])
+    rest = at_rest(
+        replace(resting_run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z), "temperature": heat})
     )
-    gyro = found.channels[2]
+    gyro = rest.channels[2]
     assert gyro.slope == pytest.approx(1e-3, abs=4.0 * gyro.slope_sd)
     assert gyro.slope_sd < 1e-4
-    assert [c.sensor for c in found.channels] == ["imu"] * 3
+    assert [c.sensor for c in rest.channels] == ["imu"] * 3
 
 
-def test_stamps_that_come_in_bursts_are_reported(still):
-    imu = still.sensors["imu"]
+def test_stamps_that_come_in_bursts_are_reported(resting_run):
+    imu = resting_run.sensors["imu"]
     t = imu.t_ns[np.minimum(np.arange(len(imu.t_ns)) // 10 * 10 + 9, len(imu.t_ns) - 1)]
     t = t + np.arange(len(t)) % 10 * 1_000_000
-    found = at_rest(replace(still, sensors={"imu": Channel(t, np.maximum.accumulate(t), imu.z)}))
-    assert found.verdict == "WARN"
-    assert found.doubts[0].code == "at-rest.bursts"
-    assert found.doubts[0].figures["median_ms"] == pytest.approx(1.0)
-    assert found.doubts[0].figures["mean_ms"] == pytest.approx(10.0, rel=0.01)
+    rest = at_rest(replace(resting_run, sensors={"imu": Channel(t, np.maximum.accumulate(t), imu.z)}))
+    assert rest.verdict == "WARN"
+    assert rest.doubts[0].code == "at-rest.bursts"
+    assert rest.doubts[0].figures["median_ms"] == pytest.approx(1.0)
+    assert rest.doubts[0].figures["mean_ms"] == pytest.approx(10.0, rel=0.01)
 
 
-def test_repeats_touches_and_dead_channels_are_reported(still):
-    imu = still.sensors["imu"]
+def test_repeats_touches_and_dead_channels_are_reported(resting_run):
+    imu = resting_run.sensors["imu"]
     z = imu.z.copy()
     z[1::2] = z[:-1:2]
     z[5000:5100, 0] += 30.0
     z[:, 1] = 0.0
-    doubts = at_rest(replace(still, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})).doubts
-    told = {(one.code, one.subject): one.figures for one in doubts}
-    assert told["at-rest.repeats", "imu"]["percent"] == pytest.approx(50.0, abs=0.5)
-    assert told["at-rest.touched", "imu[0]"]["percent"] == pytest.approx(0.8, abs=0.05)
-    assert told["at-rest.dead", "imu[1]"] == {"value": 0.0}
+    doubts = at_rest(replace(resting_run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})).doubts
+    figures_by_code = {(doubt.code, doubt.subject): doubt.figures for doubt in doubts}
+    assert figures_by_code["at-rest.repeats", "imu"]["percent"] == pytest.approx(50.0, abs=0.5)
+    assert figures_by_code["at-rest.touched", "imu[0]"]["percent"] == pytest.approx(0.8, abs=0.05)
+    assert figures_by_code["at-rest.dead", "imu[1]"] == {"value": 0.0}
 
 
 def test_a_run_that_never_rests_is_refused(small):
@@ -96,7 +96,7 @@ def test_a_rest_too_short_for_a_figure_is_refused(small):
         at_rest(simulate(small, np.zeros((100, 3)), 0))
 
 
-def test_a_file_without_such_an_imu_is_refused(still, small):
-    found = at_rest(replace(still, sensors={"gyro": still.sensors["imu"]}))
+def test_a_file_without_such_an_imu_is_refused(resting_run, small):
+    rest = at_rest(replace(resting_run, sensors={"gyro": resting_run.sensors["imu"]}))
     with pytest.raises(UsageError, check=of_code("at-rest.no-imu")):
-        found.updated(small)
+        rest.updated(small)

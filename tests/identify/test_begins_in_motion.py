@@ -19,7 +19,7 @@ FREE = ("model.throttle_gain", "model.linear_drag", "model.steering_gain")
 
 
 @pytest.fixture(scope="module")
-def driven():
+def moving_run():
     """A car whose commands come late, and a drive of it."""
     file, rng = load("car").with_values(STILL), np.random.default_rng(0)
     u = np.stack([np.repeat(rng.uniform(0.1, 0.6, 8), 50), np.repeat(rng.uniform(-0.5, 0.5, 8), 50)], axis=1)
@@ -32,23 +32,23 @@ def rows_of(file, run, at_rest=False):
     return records_of([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].has[:, 0]
 
 
-def test_it_counts_from_where_its_own_commands_arrive(driven):
-    file, run = driven
+def test_it_counts_from_where_its_own_commands_arrive(moving_run):
+    file, run = moving_run
     later = run.cut(4.2)
     has = rows_of(file, later)
     assert not has[:LATE].any()
     assert has[LATE + 1 :].all()
 
 
-def test_a_run_that_begins_without_a_command_or_at_rest_or_is_short_counts_from_its_first_tick(driven):
-    file, run = driven
+def test_a_run_that_begins_without_a_command_or_at_rest_or_is_short_counts_from_its_first_tick(moving_run):
+    file, run = moving_run
     assert rows_of(file, run)[1:5].all()
     assert rows_of(file, run.cut(4.2), at_rest=True)[1:LATE].all()
     assert rows_of(file, run.cut(4.2, 4.2 + 1.5 * LATE / 50.0))[1:LATE].all()
 
 
-def test_what_is_found_in_it_is_what_the_vehicle_is(driven):
-    file, run = driven
+def test_what_is_found_in_it_is_what_the_vehicle_is(moving_run):
+    file, run = moving_run
     fit = identify(run.cut(4.2), file, FREE, use=("odometer", "imu[2]"), options=FitOptions(diagnose=False))
     truth = np.array([file.value(name) for name in fit.names])
     assert np.all(np.abs(fit.estimate - truth) < 4.0 * fit.sd)

@@ -20,10 +20,10 @@ from baqueano.identify.residuals.block_arrow import (
 )
 
 
-def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
+def equations(seed, runs, more=0, common=4, by_run=3, by_piece=6):
     """(places, arrow, the same as one matrix, g) of random slopes of every piece."""
     rng = np.random.default_rng(seed)
-    layout = ThetaLayout(shared, by_run, by_piece, runs)
+    layout = ThetaLayout(common, by_run, by_piece, runs)
     places, size = places_of(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
     arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
@@ -89,8 +89,8 @@ def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
     def of(places):
         def evaluate(theta):
             cost, g, H = 0.0, np.zeros(len(theta)), diagonal_matrix(np.zeros(len(theta)), places)
-            for J, index, said in zip(slopes, layout.indices, z, strict=True):
-                r = J @ theta[index] - said
+            for J, index, z_i in zip(slopes, layout.indices, z, strict=True):
+                r = J @ theta[index] - z_i
                 cost += float(0.5 * r @ r)
                 g[index] += J.T @ r
             add(H, layout.indices, [J.T @ J for J in slopes])
@@ -99,11 +99,11 @@ def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
         bounds = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
         return minimise(evaluate, np.ones(layout.size), *bounds, tolerance=1e-18)
 
-    one, other = of(places_of(layout)), of(None)
-    assert one.converged
-    assert other.converged
-    np.testing.assert_allclose(one.theta, other.theta, atol=1e-8)
-    assert np.all(one.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
+    arrow, dense = of(places_of(layout)), of(None)
+    assert arrow.converged
+    assert dense.converged
+    np.testing.assert_allclose(arrow.theta, dense.theta, atol=1e-8)
+    assert np.all(arrow.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
 
 
 def test_few_pieces_are_solved_at_once():
@@ -116,16 +116,16 @@ def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
     _, whole, _ = equations(4, ONE_RUN)
     layout = ThetaLayout(4, 3, 6, ONE_RUN)
     A, B = without_starts(whole, 2.0 * whole, layout)
-    few, channels, told = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
-    small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), told)
+    few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
+    small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), starts)
     large = 2.0 * np.linalg.inv(whole)[: layout.starts, : layout.starts] * few / (few - layout.starts)
     root = np.sqrt(np.diagonal(large))
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 
 
-def test_a_fit_in_pieces_is_the_same_by_both(case, driven, monkeypatch):
+def test_a_fit_in_pieces_is_the_same_by_both(case, case_run, monkeypatch):
     """All along a search: the steps, the end, the errors."""
-    run, free = driven(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
+    run, free = case_run(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
     pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     monkeypatch.setattr(simulated, "places_of", lambda layout: None)
     whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))

@@ -19,12 +19,12 @@ from baqueano.vehicle_file import load
 
 
 @pytest.fixture
-def end(case, driven):
+def end(case, case_run):
     """(a finished search over two runs with biases, the information there)."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        found = identify([driven(seed, 20.0) for seed in range(2)], case)
-    return found, information(found.task.problem, found.search.solution.theta)
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
+        fit = identify([case_run(seed, 20.0) for seed in range(2)], case)
+    return fit, information(fit.task.problem, fit.search.solution.theta)
 
 
 def seen_by_a_camera(run: Run, seed: int) -> Run:
@@ -38,37 +38,37 @@ def seen_by_a_camera(run: Run, seed: int) -> Run:
 
 
 def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
-    found, info = end
+    fit, info = end
     problem, theta, identifiable = (
-        found.task.problem,
-        found.search.solution.theta,
-        np.flatnonzero(found.identifiability.mask),
+        fit.task.problem,
+        fit.search.solution.theta,
+        np.flatnonzero(fit.identifiability.mask),
     )
     moves = []
     for (r, d, index), record in zip(problem.sensitivities(theta), problem.records, strict=True):
         block = (np.cumsum(record.dt_s) // BLOCK_S).astype(int)
         edges = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
         for first, last in pairwise(edges):
-            x, here = d[first:last].reshape(-1, len(index)), r[first:last].ravel()
+            x, residual = d[first:last].reshape(-1, len(index)), r[first:last].ravel()
             g, without = np.zeros(problem.size), (1.0 + LEAST) * info.bread
-            g[index] = np.clip(here, -HUBER, HUBER) @ x
-            x = x[np.abs(here) < HUBER]
+            g[index] = np.clip(residual, -HUBER, HUBER) @ x
+            x = x[np.abs(residual) < HUBER]
             without[np.ix_(index, index)] -= x.T @ x
             moves.append(np.linalg.solve(without[np.ix_(identifiable, identifiable)], g[identifiable]))
     off = np.array(moves) - np.mean(moves, axis=0)
     expected = (len(moves) - 1) / len(moves) * off.T @ off
-    told = jackknife(problem, theta, identifiable, info.bread)
-    assert told is not None
+    cov = jackknife(problem, theta, identifiable, info.bread)
+    assert cov is not None
     assert jackknife(problem, theta, identifiable, info.bread, by_piece=True) is None  # the runs are whole
     root = np.sqrt(np.diagonal(expected))
-    np.testing.assert_allclose(told / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
+    np.testing.assert_allclose(cov / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
 
 def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_nothing():
     problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
-    said = [no_smaller(problem, cov, told, 2) for told in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
-    assert all(np.array_equal(one, cov) for one in said)
+    choices = [no_smaller(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
+    assert all(np.array_equal(choice, cov) for choice in choices)
     wide = no_smaller(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third is a run's own
     np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
@@ -86,17 +86,17 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
             hit = (rng.random(channel.z.shape) < 0.1) * rng.choice([-20.0, 20.0], channel.z.shape)
             run.sensors[name] = channel._replace(z=channel.z + hit * sd)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-            found = identify(run, car)
-        info = information(found.task.problem, found.search.solution.theta)
-        identifiable = np.flatnonzero(found.identifiability.mask)
+            patch.setattr(module, "fit_by_simulation", lambda task: task)
+            end = identify(run, car)
+        info = information(end.task.problem, end.search.solution.theta)
+        identifiable = np.flatnonzero(end.identifiability.mask)
         white = np.sqrt(np.diagonal(covariance_of(info, identifiable)))[
-            identifiable < found.task.problem.layout.shared
+            identifiable < end.task.problem.layout.shared
         ]
-        fit = fit_of(found)
-        known = np.isfinite(fit.estimate)
-        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
-        inside += (off < 1.96 * fit.sd[known]).tolist()
+        fit = fit_of(end)
+        finite = np.isfinite(fit.estimate)
+        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[finite]
+        inside += (off < 1.96 * fit.sd[finite]).tolist()
         before += (off < 1.96 * white).tolist()
     assert 0.88 < np.mean(inside) <= 1.0
     assert np.mean(before) < np.mean(inside) - 0.04
@@ -104,8 +104,8 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
 
 def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
     rng = np.random.default_rng(3)
-    turned = np.linalg.qr(rng.normal(size=(5, 5)))[0]
-    meat = turned @ np.diag([-1e-5, 1e-4, 1.0, 20.0, 2e5]) @ turned.T
+    rotation = np.linalg.qr(rng.normal(size=(5, 5)))[0]
+    meat = rotation @ np.diag([-1e-5, 1e-4, 1.0, 20.0, 2e5]) @ rotation.T
     info = Information(np.eye(5), 0.5 * (meat + meat.T), np.ones((1, 5)), False, np.zeros(1), 1000)
     cov = covariance_of(info, np.arange(5))
     assert np.isfinite(cov).all()
@@ -113,39 +113,39 @@ def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
     np.testing.assert_allclose(np.diagonal(cov), np.diagonal(meat) * 1000 / 995, rtol=1e-3)
 
 
-@pytest.mark.parametrize(("filmed", "segment_s"), [(False, 3.0), (True, 5.0)])
-def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(filmed, segment_s):
+@pytest.mark.parametrize(("with_camera", "segment_s"), [(False, 3.0), (True, 5.0)])
+def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(with_camera, segment_s):
     car, inside = load("car"), []
     for seed in range(16):
         run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
-        use = ("imu", "truth") if filmed else None
+        use = ("imu", "truth") if with_camera else None
         fit = identify(
-            seen_by_a_camera(run, seed) if filmed else run,
+            seen_by_a_camera(run, seed) if with_camera else run,
             car,
             use=use,
             options=FitOptions(segment_s=segment_s, diagnose=False),
         )
-        known = np.isfinite(fit.estimate)
-        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
-        inside += (off < 1.96 * fit.sd[known]).tolist()
+        finite = np.isfinite(fit.estimate)
+        off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[finite]
+        inside += (off < 1.96 * fit.sd[finite]).tolist()
     # of 144 intervals of which each holds the truth with 92 %, 120 or fewer do so less than once in 1,000 times, and
     # these seeds stay the same; without blocks of pieces it is 113, with a camera 56
     assert len(inside) == 144
     assert sum(inside) > 120
 
 
-def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch):
+def test_pieces_in_which_a_model_ran_away_tell_nothing(case, case_run, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        found = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
+        fit = identify(case_run(0, 24.0), case, options=FitOptions(segment_s=4.0))
     problem, theta, identifiable = (
-        found.task.problem,
-        found.search.solution.theta,
-        np.flatnonzero(found.identifiability.mask),
+        fit.task.problem,
+        fit.search.solution.theta,
+        np.flatnonzero(fit.identifiability.mask),
     )
     ways = {"by_piece": False}, {"by_piece": True}
-    assert all(jackknife(problem, theta, identifiable, found.info.bread, **way) is not None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is not None for way in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
     slopes[2][1][-1] = np.inf
     monkeypatch.setattr(problem, "sensitivities", lambda theta: slopes)
-    assert all(jackknife(problem, theta, identifiable, found.info.bread, **way) is None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is None for way in ways)

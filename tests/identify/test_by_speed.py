@@ -6,7 +6,7 @@ from baqueano.identify import FitOptions
 from baqueano.identify.residuals.noise_level import profile_by_speed
 
 
-def drawn(kappa, seed, n=4000):
+def draw(kappa, seed, n=4000):
     rng = np.random.default_rng(seed)
     v = np.abs(rng.uniform(0.0, 2.0, n))
     true = 0.3 * np.sqrt(1.0 + (kappa * v) ** 2)
@@ -14,7 +14,7 @@ def drawn(kappa, seed, n=4000):
 
 
 def test_the_growth_of_the_noise_is_found_among_outliers():
-    r, v, true = drawn(1.5, 0)
+    r, v, true = draw(1.5, 0)
     r[::20] += 30.0
     sigma, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
     np.testing.assert_allclose(sigma[0] * profile[:, 0], true, rtol=0.25)
@@ -24,7 +24,7 @@ def test_the_growth_of_the_noise_is_found_among_outliers():
 def test_steady_noise_stays_steady_at_19_of_20_seeds():
     steady = 0
     for seed in range(20):
-        r, v, _ = drawn(0.0, seed)
+        r, v, _ = draw(0.0, seed)
         _, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
         steady += np.ptp(profile) == 0.0
     assert steady >= 19
@@ -45,10 +45,10 @@ def test_a_fit_weighs_fast_driving_less_where_the_noise_grows(small):
     z = imu.z + rng.normal(size=imu.z.shape) * [3.0, 3.0, 0.3] * np.abs(run.truth.nu[at, :1])
     run = replace(run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})
     free = ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]
-    steady, grown = (
+    steady, growing = (
         identify(run, small, free),
         identify(run, small, free, options=FitOptions(speed_noise=True)),
     )
-    assert np.all(grown.sd < 0.9 * steady.sd)
-    truth = np.array([small.value(name) for name in grown.names])
-    assert np.max(np.abs(grown.estimate - truth) / grown.sd) < 4.5
+    assert np.all(growing.sd < 0.9 * steady.sd)
+    truth = np.array([small.value(name) for name in growing.names])
+    assert np.max(np.abs(growing.estimate - truth) / growing.sd) < 4.5

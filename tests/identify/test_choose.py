@@ -40,17 +40,17 @@ def drive(file, seed, duration_s=40.0):
 
 
 @pytest.fixture(scope="module")
-def believed():
+def file():
     """The garage's car, with all the terms that it has."""
     return load("car").with_values(RATE)
 
 
 @pytest.fixture(scope="module")
-def bare(believed):
+def bare(file):
     """The same without any."""
     return without_terms(
-        believed,
-        terms_of(FittedBlocks(believed.vehicle, believed.sensors), np.concatenate([np.eye(2), -np.eye(2)])),
+        file,
+        terms_of(FittedBlocks(file.vehicle, file.sensors), np.concatenate([np.eye(2), -np.eye(2)])),
     )
 
 
@@ -61,134 +61,136 @@ def dry(bare):
 
 
 @pytest.fixture(scope="module")
-def found(dry, believed):
-    return choose(drive(dry, 0), believed, use=USE)
+def choice(dry, file):
+    return choose(drive(dry, 0), file, use=USE)
 
 
-def test_a_vehicle_without_terms_gets_none(bare, believed):
-    given = [choose(drive(bare, seed), believed, use=USE).taken for seed in range(4)]
-    assert sum(len(names) > 0 for names in given) <= 1, given
+def test_a_vehicle_without_terms_gets_none(bare, file):
+    choices = [choose(drive(bare, seed), file, use=USE).taken for seed in range(4)]
+    assert sum(len(names) > 0 for names in choices) <= 1, choices
 
 
-def test_dry_friction_and_dead_zone_are_found_and_nothing_else(dry, believed, found):
-    given = [found.taken, *(choose(drive(dry, seed), believed, use=USE).taken for seed in range(1, 3))]
-    for names in given:
+def test_dry_friction_and_dead_zone_are_found_and_nothing_else(dry, file, choice):
+    choices = [choice.taken, *(choose(drive(dry, seed), file, use=USE).taken for seed in range(1, 3))]
+    for names in choices:
         paths = " ".join(names)
         assert "dry friction" in names
         assert "dead zone" in paths
-    assert sum(len(names) > 2 for names in given) <= 1, given
+    assert sum(len(names) > 2 for names in choices) <= 1, choices
 
 
-def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(found, believed):
-    fit = found.fit
+def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(choice, file):
+    fit = choice.fit
     assert abs(fit.value("model.coulomb_m_s2") - 0.4) < 4.0 * fit.sd[fit.names.index("model.coulomb_m_s2")]
     name = "model.drivetrain.dead_zone_backward[0]"
     assert abs(fit.value(name) - 0.08) < 4.0 * fit.sd[fit.names.index(name)]
-    assert believed.value("model.quadratic_drag") > 0.0
-    assert found.vehicle_file.value("model.quadratic_drag") == 0.0
-    assert found.vehicle_file.value("model.drivetrain.delay_s") == 0.0
+    assert file.value("model.quadratic_drag") > 0.0
+    assert choice.vehicle_file.value("model.quadratic_drag") == 0.0
+    assert choice.vehicle_file.value("model.drivetrain.delay_s") == 0.0
 
 
-def test_each_choice_is_a_sentence_with_its_figures(found):
-    taken = next(one.message for one in found.judged if one.term.name == "dry friction")
-    assert (taken.code, taken.figures["channel"]) == ("choose.taken", "speed")
-    assert taken.figures["errors"] > taken.figures["needed"]
-    left = [one for one in found.judged if one.verdict == "left out"]
-    assert left
-    assert {one.message.code for one in left} <= {"choose.left-out", "choose.left-out-for"}
-    assert "A vehicle without such terms gets one at most that often" in found.table()
+def test_each_choice_is_a_sentence_with_its_figures(choice):
+    message = next(judgement.message for judgement in choice.judged if judgement.term.name == "dry friction")
+    assert (message.code, message.figures["channel"]) == ("choose.taken", "speed")
+    assert message.figures["errors"] > message.figures["needed"]
+    rejected = [judgement for judgement in choice.judged if judgement.verdict == "left out"]
+    assert rejected
+    assert {judgement.message.code for judgement in rejected} <= {"choose.left-out", "choose.left-out-for"}
+    assert "A vehicle without such terms gets one at most that often" in choice.table()
 
 
-def test_one_step_scores_stand_beside_as_no_evidence(found):
+def test_one_step_scores_stand_beside_as_no_evidence(choice):
     """The term that lowers the held-out error by a third hardly shows one step ahead."""
-    row = next(row for row in found.rows() if row.get("term") == "dry friction")
+    row = next(row for row in choice.rows() if row.get("term") == "dry friction")
     assert row["error_with"] < 0.8 * row["error_without"]
     assert row["one_step_with"] > 0.9 * row["one_step_without"]
-    assert "Such scores prove nothing, and were not used." in found.table()
+    assert "Such scores prove nothing, and were not used." in choice.table()
 
 
-def test_the_same_runs_give_the_same_choice(dry, believed, found):
-    assert choose(drive(dry, 0), believed, use=USE).table() == found.table()
+def test_the_same_runs_give_the_same_choice(dry, file, choice):
+    assert choose(drive(dry, 0), file, use=USE).table() == choice.table()
 
 
-def test_the_rest_of_what_is_reported_of_the_fit_is_in_the_report_where_one_is_written(found):
-    much = replace(found, fit=replace(found.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
+def test_the_rest_of_what_is_reported_of_the_fit_is_in_the_report_where_one_is_written(choice):
+    much = replace(choice, fit=replace(choice.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
     assert much.table().endswith(" more: --report fit.html shows all, with figures")
     assert much.table(reported=True).endswith(" more: the report shows all, with figures")
 
 
-def test_many_runs_are_held_out_whole(dry, believed):
+def test_many_runs_are_held_out_whole(dry, file):
     runs = [drive(dry, seed, 12.0) for seed in range(8)]
-    found = choose(runs, believed, ["dry friction", "quadratic drag"], use=USE)
-    assert found.taken == ("dry friction",)
-    assert "(whole runs; 40 blocks of about 2." in found.rule
+    choice = choose(runs, file, ["dry friction", "quadratic drag"], use=USE)
+    assert choice.taken == ("dry friction",)
+    assert "(whole runs; 40 blocks of about 2." in choice.rule
 
 
-def test_a_term_at_its_bound_is_refused(dry, believed):
+def test_a_term_at_its_bound_is_refused(dry, file):
     limit = {"model.coulomb_m_s2": (0.0, 0.1)}
-    found = choose(drive(dry, 0), believed, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
-    assert found.taken == ()
-    (message,) = (one.message for one in found.judged)
-    why = message.figures["why"]
-    assert (message.code, why.code, why.subject) == (
+    choice = choose(drive(dry, 0), file, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
+    assert choice.taken == ()
+    (message,) = (judgement.message for judgement in choice.judged)
+    cause = message.figures["why"]
+    assert (message.code, cause.code, cause.subject) == (
         "choose.refused",
         "bound.high-held",
         "model.coulomb_m_s2",
     )
 
 
-def test_a_term_that_is_another_name_for_what_is_there_is_refused(dry, believed):
+def test_a_term_that_is_another_name_for_what_is_there_is_refused(dry, file):
     gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
-    found = choose(drive(dry, 0), believed, [gain], use=USE)
-    assert found.taken == ()
-    assert found.judged[0].why.code in ("term.same-as-others", "term.not-identifiable")
+    choice = choose(drive(dry, 0), file, [gain], use=USE)
+    assert choice.taken == ()
+    assert choice.judged[0].why.code in ("term.same-as-others", "term.not-identifiable")
 
 
-def test_a_battery_that_hardly_moves_is_not_identifiable(dry, believed):
+def test_a_battery_that_hardly_moves_is_not_identifiable(dry, file):
     run = drive(dry, 0)
     volts = 6.0 + 0.01 * np.sin(run.t_s)[:, None]
     logged = replace(run, sensors={**run.sensors, "battery": Channel(run.t_ns, run.t_ns, volts)})
-    found = choose(logged, believed, ["dry friction", "battery voltage"], use=USE)
-    assert found.taken == ("dry friction",)
-    assert found.sentences[1].startswith("battery voltage")
+    choice = choose(logged, file, ["dry friction", "battery voltage"], use=USE)
+    assert choice.taken == ("dry friction",)
+    assert choice.sentences[1].startswith("battery voltage")
 
 
-def test_too_short_runs_are_refused_with_their_length(dry, believed):
+def test_too_short_runs_are_refused_with_their_length(dry, file):
     with pytest.raises(UsageError, check=of_code("choose.short", needed_s=12.0)):
-        choose(drive(dry, 0, 8.0), believed, use=USE)
+        choose(drive(dry, 0, 8.0), file, use=USE)
 
 
-def test_a_name_that_is_not_a_term_is_answered_with_those_that_are(dry, believed):
+def test_a_name_that_is_not_a_term_is_answered_with_those_that_are(dry, file):
     with pytest.raises(UsageError, check=of_code("choose.no-term")):
-        choose(drive(dry, 0), believed, ["dry fiction"], use=USE)
+        choose(drive(dry, 0), file, ["dry fiction"], use=USE)
 
 
-def test_no_run_is_not_a_choice(believed):
+def test_no_run_is_not_a_choice(file):
     with pytest.raises(UsageError, check=of_code("choose.no-command")):
-        choose([], believed)
+        choose([], file)
 
 
 def scores(loss):
     """A model with these losses (B,) of blocks of ten measurements each."""
     loss = np.asarray(loss, float)[:, None]
-    zero, one = np.zeros(1), np.ones(1)
-    return Score(loss, np.full(loss.shape, 10.0), zero, one, np.zeros((5, 1)), one)
+    zero, unit = np.zeros(1), np.ones(1)
+    return Score(loss, np.full(loss.shape, 10.0), zero, unit, np.zeros((5, 1)), unit)
 
 
 def test_the_rule_is_a_t_test_on_the_logarithm_of_each_blocks_error():
     g = 0.1 + np.resize([0.1, -0.1], 24)
     before = np.full(24, 10.0)
     after = (before + 1.0) * np.exp(-2.0 * g) - 1.0  # 1 = FLOOR of ten measurements
-    found = paired(scores(before), scores(after))
-    assert found.gain == pytest.approx(0.1)
-    assert found.errors == pytest.approx(0.1 / (np.std(g, ddof=1) / np.sqrt(24)))
-    assert found.beyond(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
+    comparison = paired(scores(before), scores(after))
+    assert comparison.gain == pytest.approx(0.1)
+    assert comparison.errors == pytest.approx(0.1 / (np.std(g, ddof=1) / np.sqrt(24)))
+    assert comparison.beyond(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
 
 
 def test_blocks_in_which_nothing_moves_have_no_say():
-    moving, still = np.full(10, 10.0), np.array([1e-9, 1e-6] * 5)
-    found = paired(scores(np.concatenate([moving, still])), scores(np.concatenate([moving, still[::-1]])))
-    assert abs(found.gain) < 1e-5
+    moving, resting = np.full(10, 10.0), np.array([1e-9, 1e-6] * 5)
+    comparison = paired(
+        scores(np.concatenate([moving, resting])), scores(np.concatenate([moving, resting[::-1]]))
+    )
+    assert abs(comparison.gain) < 1e-5
 
 
 def test_a_model_that_is_worse_in_all_is_not_better_however_many_blocks_say_so():
@@ -198,27 +200,27 @@ def test_a_model_that_is_worse_in_all_is_not_better_however_many_blocks_say_so()
 
 
 def test_a_model_that_runs_away_is_not_better():
-    found = paired(scores(np.full(8, 10.0)), scores([np.inf, *np.full(7, 1.0)]))
-    assert found.errors == -np.inf
+    comparison = paired(scores(np.full(8, 10.0)), scores([np.inf, *np.full(7, 1.0)]))
+    assert comparison.errors == -np.inf
 
 
 @pytest.fixture
-def in_a_folder(dry, believed, tmp_path, monkeypatch):
+def in_a_folder(dry, file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    believed.save(tmp_path / "my.toml")
+    file.save(tmp_path / "my.toml")
     write_run(drive(dry, 0), tmp_path / "dry.mcap")
 
 
 SAID = ("dry.mcap", "--vehicle", "my.toml", "--choose", "--use", "odometer", "--use", "imu[2]", "--no-noise")
 
 
-def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, found, capsys):
-    with pytest.raises(SystemExit) as ended:
+def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, choice, capsys):
+    with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--update", "--json"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     terms = {row["term"]: row for row in reply["rows"] if "term" in row}
-    assert {name for name, row in terms.items() if row["verdict"] == "taken"} == set(found.taken)
+    assert {name for name, row in terms.items() if row["verdict"] == "taken"} == set(choice.taken)
     assert terms["quadratic drag"]["text"].startswith("quadratic drag left out")
     names = {row["name"] for row in reply["rows"] if "name" in row}
     assert "model.coulomb_m_s2" in names
@@ -227,36 +229,36 @@ def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, fo
 
 
 def test_what_choosing_does_not_go_with_is_reported(in_a_folder, capsys):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--speed-noise"])
-    assert ended.value.code == 2
+    assert exit_info.value.code == 2
     assert "--choose cannot be combined with --speed-noise. First choose" in capsys.readouterr().err
 
 
-def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):
+def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, file):
     """Fitted to a car with dry friction: it is taken where held-out runs have it too, and not where they have none."""
-    told = [
-        choose(drive(dry, 0, 20.0), believed, ["dry friction"], use=USE, held_out=[drive(other, 1, 20.0)])
-        for other in (dry, bare)
+    choices = [
+        choose(drive(dry, 0, 20.0), file, ["dry friction"], use=USE, held_out=[drive(truth, 1, 20.0)])
+        for truth in (dry, bare)
     ]
-    assert [found.taken for found in told] == [("dry friction",), ()]
-    assert "tested by its simulation of the 1 held-out runs (10 blocks of about 2.0 s)" in told[0].rule
-    assert told[0].fit.runs == ("run 0",)
+    assert [choice.taken for choice in choices] == [("dry friction",), ()]
+    assert "tested by its simulation of the 1 held-out runs (10 blocks of about 2.0 s)" in choices[0].rule
+    assert choices[0].fit.runs == ("run 0",)
 
 
-def test_a_run_that_is_fitted_to_chooses_nothing(dry, believed):
+def test_a_run_that_is_fitted_to_chooses_nothing(dry, file):
     run = drive(dry, 0)
     with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 0")):
-        choose(run, believed, use=USE, held_out=[run])
+        choose(run, file, use=USE, held_out=[run])
 
 
-def test_too_short_held_out_runs_are_refused(dry, believed):
+def test_too_short_held_out_runs_are_refused(dry, file):
     with pytest.raises(UsageError, check=of_code("choose.short")):
-        choose(drive(dry, 0), believed, use=USE, held_out=[drive(dry, 1, 8.0)])
+        choose(drive(dry, 0), file, use=USE, held_out=[drive(dry, 1, 8.0)])
 
 
 @pytest.mark.parametrize(("effect", "fall_v", "verdict"), [(1.0, 2.0, "taken"), (2.2, 0.4, "refused")])
-def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, believed, effect, fall_v, verdict):
+def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, file, effect, fall_v, verdict):
     """More than the whole voltage cannot reach a motor: something else changed with it."""
     u = random_steps([0.5, 0.8], 40.0, dry.rate_hz, 0)
     volts = np.linspace(6.0 + fall_v / 2, 6.0 - fall_v / 2, len(u))
@@ -264,19 +266,24 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, believed, effec
     run = simulate(dry, u * motor, 0)
     battery = Channel(run.t_ns, run.t_ns, volts[:, None])
     run = replace(run, applied=u, sensors={**run.sensors, "battery": battery})
-    judged = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
-    found = next(one for one in judged if one.term.name == "battery voltage")
-    assert found.verdict == verdict, found.message
+    judgements = choose(run, dry, ["battery voltage", "dry friction"], use=USE).judged
+    judgement = next(
+        term_judgement for term_judgement in judgements if term_judgement.term.name == "battery voltage"
+    )
+    assert judgement.verdict == verdict, judgement.message
     if verdict == "refused":
-        assert (found.message.code, found.why.code) == ("choose.refused", "term.battery-not-separable")
+        assert (judgement.message.code, judgement.why.code) == (
+            "choose.refused",
+            "term.battery-not-separable",
+        )
 
 
 @pytest.mark.parametrize(
-    ("x", "sd", "told"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
+    ("x", "sd", "separable"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
 )
-def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, told):
+def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, separable):
     battery = Term("battery voltage", (BATTERY,), (0.0,), ((0.5,),))
-    assert (not_separated(battery, np.array([x]), np.array([sd])) is None) == told
+    assert (not_separated(battery, np.array([x]), np.array([sd])) is None) == separable
     assert (
         not_separated(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd])) is None
     )
@@ -284,9 +291,9 @@ def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, t
 
 def test_the_command_line_chooses_and_judges_by_the_held_out_run(in_a_folder, dry, tmp_path, capsys):
     write_run(drive(dry, 1, 20.0), tmp_path / "other.mcap")
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--held-out", "other.mcap"])
-    assert ended.value.code == 0
-    said = capsys.readouterr().out
-    assert "tested by its simulation of the 1 held-out runs" in said
-    assert "the model carries over 20 s open loop" in said
+    assert exit_info.value.code == 0
+    printed = capsys.readouterr().out
+    assert "tested by its simulation of the 1 held-out runs" in printed
+    assert "the model carries over 20 s open loop" in printed

@@ -19,18 +19,18 @@ SENSORS = {
 }
 
 
-def driven(kind, seed):
+def drive_kind(kind, seed):
     """The file and a run of 20 s of which the sensor lost a third of its readings."""
     file = override(parse(f"{load('small').text}\n[sensors.{kind}]\n{SENSORS[kind]}\n", "small"), [STILL])
     run = simulate(file, random_steps(file.command.limit, 20.0, file.rate_hz, seed, hold_s=0.5), seed)
     channel = run.sensors[kind]
-    kept = np.random.default_rng(seed).random(len(channel.z)) > 1.0 / 3.0
-    return file, replace(run, sensors=run.sensors | {kind: type(channel)(*(x[kept] for x in channel))})
+    rows_kept = np.random.default_rng(seed).random(len(channel.z)) > 1.0 / 3.0
+    return file, replace(run, sensors=run.sensors | {kind: type(channel)(*(x[rows_kept] for x in channel))})
 
 
 @pytest.mark.parametrize(("kind", "late_s"), [("beacon", 0.04), ("compass", -0.025), ("encoders", 0.03)])
 def test_the_clock_of_a_slow_sensor_with_lost_readings_is_found(kind, late_s):
-    file, run = driven(kind, 1)
+    file, run = drive_kind(kind, 1)
     channel = run.sensors[kind]
     shifted = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))
     late = replace(run, sensors=run.sensors | {kind: shifted})

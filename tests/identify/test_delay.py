@@ -15,7 +15,7 @@ SIGMAS = 3.5
 small = load("small")
 
 
-def found(delay_s, start_s, seed):
+def fit_delay(delay_s, start_s, seed):
     truth = override(small, [f"{DELAY}={delay_s}"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, seed, hold_s=0.5), seed)
     fit = identify(run, small, FREE, options=FitOptions(start={DELAY: start_s}))
@@ -30,7 +30,7 @@ def found(delay_s, start_s, seed):
 def test_id8_a_delay_is_found_within_its_error_from_any_start(delay_s, start_s):
     """0.05 and 0.2 s are whole ticks, 0.001 s is a tenth of one."""
     for seed in (1, 2):
-        fit, estimate, sd, bound = found(delay_s, start_s, seed)
+        fit, estimate, sd, bound = fit_delay(delay_s, start_s, seed)
         assert fit.converged
         assert fit.verdict == "USABLE", fit.reasons
         assert abs(estimate - delay_s) < SIGMAS * sd < 1e-3, "a tenth of a tick at most"
@@ -39,7 +39,7 @@ def test_id8_a_delay_is_found_within_its_error_from_any_start(delay_s, start_s):
 
 def test_no_delay_is_found_as_none():
     """It is the end of what is looked for, and says so."""
-    fit, estimate, _, bound = found(0.0, 0.1, 1)
+    fit, estimate, _, bound = fit_delay(0.0, 0.1, 1)
     assert fit.converged
     assert abs(estimate) < 2e-4
     assert bound in (-1, 0)
@@ -70,17 +70,21 @@ def test_a_delay_that_the_fit_has_not_is_reported_with_the_line_that_frees_it_an
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)
-    late = [one for one in fit.reasons if one.code == "residual.missing-free"]
-    assert ("term.delay", f"--free +{DELAY}") in [(one.figures["what"].code, one.fix) for one in late]
+    late = [reason for reason in fit.reasons if reason.code == "residual.missing-free"]
+    assert ("term.delay", f"--free +{DELAY}") in [
+        (reason.figures["what"].code, reason.fix) for reason in late
+    ]
     freed = identify(run, small, [f"+{DELAY}"])
     assert freed.names == (*fit.names, DELAY)
     assert freed.value(DELAY) == pytest.approx(0.04, abs=1e-3)
-    assert not any(one.figures.get("term") == "delay" for one in freed.reasons)
+    assert not any(reason.figures.get("term") == "delay" for reason in freed.reasons)
 
 
 def test_as_many_evaluations_are_reported_as_were_made(monkeypatch):
-    made, evaluate = [], Residuals.evaluate
-    monkeypatch.setattr(Residuals, "evaluate", lambda self, theta: made.append(1) or evaluate(self, theta))
+    evaluations, evaluate = [], Residuals.evaluate
+    monkeypatch.setattr(
+        Residuals, "evaluate", lambda self, theta: evaluations.append(1) or evaluate(self, theta)
+    )
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, 7, hold_s=0.5), 7)
-    assert identify(run, small, FREE, options=FitOptions(diagnose=False)).evaluations == len(made) > 0
+    assert identify(run, small, FREE, options=FitOptions(diagnose=False)).evaluations == len(evaluations) > 0

@@ -27,8 +27,8 @@ def test_a_designed_experiment_tells_more_than_every_other_signal_in_the_same_ro
     room, informant = room_of(small, "2x2"), Informant(small)
     cloud = Cloud(small, possible_vehicles(small))
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
-        asked = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
-        u = contained(asked, small, room, cloud=cloud).u
+        requested = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
+        u = contained(requested, small, room, cloud=cloud).u
         assert plan.mean_error < mean_error(informant.relative_sd(informant.information(u))), kind
 
 
@@ -50,17 +50,17 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
-    first, same, other = (designed(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
+    first, same, different = (designed(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
     assert np.array_equal(first, same)
-    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, different)
 
 
 def test_a_search_that_is_stopped_plans_with_what_it_has(small, monkeypatch):
     monkeypatch.setattr(planning, "FIRST", 40)
-    said = []
-    plan = designed(small, room_of(small, "2x2"), 5.0, say=lambda text: said.append(text) or True)
-    assert len(said) == 1
-    assert f"0 of {planning.ROUNDS} rounds: standard errors of " in said[0]
+    texts = []
+    plan = designed(small, room_of(small, "2x2"), 5.0, say=lambda text: texts.append(text) or True)
+    assert len(texts) == 1
+    assert f"0 of {planning.ROUNDS} rounds: standard errors of " in texts[0]
     assert np.any(plan.u != 0.0)
     assert plan.margin_m >= 0.0
 
@@ -76,28 +76,28 @@ def test_vehicles_that_were_not_in_the_plan_stay_inside(small, plan):
 def test_a_signal_that_would_leave_is_kept_inside_without_being_stilled(name, size):
     file = load(name)
     room = room_of(file, size)
-    asked = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
+    requested = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
     cloud = Cloud(file, possible_vehicles(file))
-    _, free = cloud.drive(cloud.at(room.start), asked)
-    kept = contained(asked, file, room, cloud=cloud)
-    assert room.margin(free) < 0.0 <= kept.margin_m
-    assert 0.0 < kept.replaced < 1.0
-    assert np.mean(np.any(kept.u != 0.0, axis=1)) > 0.7
-    assert np.all(np.abs(kept.u) <= file.command.limit)
+    _, free = cloud.drive(cloud.at(room.start), requested)
+    contained_drive = contained(requested, file, room, cloud=cloud)
+    assert room.margin(free) < 0.0 <= contained_drive.margin_m
+    assert 0.0 < contained_drive.replaced < 1.0
+    assert np.mean(np.any(contained_drive.u != 0.0, axis=1)) > 0.7
+    assert np.all(np.abs(contained_drive.u) <= file.command.limit)
 
 
 def test_a_signal_that_stays_inside_is_not_touched(small):
-    asked = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
-    kept = contained(asked, small, room_of(small, "4x4"))
-    assert kept.replaced == 0.0
-    assert np.array_equal(kept.u, asked)
+    requested = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
+    contained_drive = contained(requested, small, room_of(small, "4x4"))
+    assert contained_drive.replaced == 0.0
+    assert np.array_equal(contained_drive.u, requested)
 
 
 def test_what_stands_for_a_chunk_is_never_larger_and_ends_with_no_command():
-    asked = np.array([[0.8, 0.0, -0.4]])
-    options = alternatives(asked)
-    assert np.array_equal(options[0], asked)
-    assert np.all(np.abs(options) <= np.abs(asked))
+    requested = np.array([[0.8, 0.0, -0.4]])
+    options = alternatives(requested)
+    assert np.array_equal(options[0], requested)
+    assert np.all(np.abs(options) <= np.abs(requested))
     assert np.all(options[-1] == 0.0)
     assert any(np.array_equal(o, [[-0.8, 0.0, -0.4]]) for o in options)  # a car drives back on its own arc
 
@@ -110,9 +110,9 @@ def test_information_is_that_of_differences(small):
     theta, h = informant.nominal, 1e-4 * informant.nominal[k]
     ends = []
     for sign in (-1.0, 1.0):
-        other = theta.copy()
-        other[k] += sign * h
-        ends.append(np.asarray(informant.kernel.run(u, other)[1]))
+        shifted = theta.copy()
+        shifted[k] += sign * h
+        ends.append(np.asarray(informant.kernel.run(u, shifted)[1]))
     slope = (ends[1] - ends[0]) / (2.0 * h) * informant.of.size[k]
     assert F[k, k] == pytest.approx(np.sum(slope**2), rel=1e-4)
 
@@ -155,10 +155,10 @@ def test_a_vehicle_believed_possible_has_as_much_friction_as_was_seen_however_it
     speed = 0.5
     force = np.array([speed, speed**2, 1.0])  # N of each at this speed
     wide = np.diag([1.0, 2.0, 0.5]) ** 2
-    seen = force @ wide @ force + 0.01**2  # the sum is known to 0.01 N
-    cov = wide - np.outer(wide @ force, force @ wide) / seen
-    known = small.with_values(values, parameter_cov=ParameterCov(names, cov))
-    theta = possible_vehicles(known, vehicles=200).theta[:, :3]
+    variance = force @ wide @ force + 0.01**2  # the sum is known to 0.01 N
+    cov = wide - np.outer(wide @ force, force @ wide) / variance
+    measured_file = small.with_values(values, parameter_cov=ParameterCov(names, cov))
+    theta = possible_vehicles(measured_file, vehicles=200).theta[:, :3]
     assert np.all(theta >= 0.0)
     assert np.any(theta == 0.0)  # drawn beyond a bound
     assert np.all(np.std(theta, axis=0) > 0.1 * theta[0])
@@ -204,8 +204,8 @@ def test_a_gentler_piece_turns_less_and_drives_as_fast():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
     np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
-    alone = PieceShape(20, 4, np.array([1.0]))
-    np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), alone).out, GENTLE)
+    plain_shape = PieceShape(20, 4, np.array([1.0]))
+    np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE)
 
 
 def test_a_start_in_the_wall_is_refused():

@@ -28,7 +28,7 @@ def truth(small):
 
 
 @pytest.fixture(scope="module")
-def commissioned(small, truth, tmp_path_factory):
+def rounds_of_design(small, truth, tmp_path_factory):
     folder, size = tmp_path_factory.mktemp("runs"), "2x2"
     with pytest.MonkeyPatch.context() as patch:
         for name, number in (("FIRST", 60), ("ROUNDS", 2), ("EACH", 20), ("FINAL", 40)):
@@ -36,45 +36,45 @@ def commissioned(small, truth, tmp_path_factory):
         first = first_drive(small, truth=truth, seed=0)
         file = identify([first.run], rough(first, small)).vehicle_file
         runs = [first.run]
-        made = lambda now, seed: designed(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
+        design = lambda now, seed: designed(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
         place = Here(lambda: {"truth": truth})
-        rounds = in_rounds(file, place, runs, 2, made, 0, "auto", lambda label: folder / f"{label}.mcap")
+        rounds = in_rounds(file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap")
     return rounds, runs, room_of(small, size)
 
 
-def test_error_bars_shrink_from_round_to_round(commissioned, small, truth):
+def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
     """Those that take the noise for the same all along the run: what the design makes smaller."""
-    _, runs, _ = commissioned
+    _, runs, _ = rounds_of_design
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "no_smaller", lambda problem, cov, told, k, by_piece: cov)
+        patch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_piece: cov)
         fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
         assert 0.0 < second < first < 0.1, name
 
 
-def test_error_bars_that_are_reported_are_smaller_after_the_last_round_than_after_the_first(commissioned):
+def test_error_bars_that_are_reported_are_smaller_after_the_last_round_than_after_the_first(rounds_of_design):
     """Of what is to be known, on the whole. One may grow: what parts of a run disagree about shows with the next."""
-    first, *_, last = commissioned[0].rounds
+    first, *_, last = rounds_of_design[0].rounds
     ratios = [last.relative_sd(name) / first.relative_sd(name) for name in SURE]
     assert 0.0 < np.exp(np.mean(np.log(ratios))) < 0.95
 
 
-def test_id14_error_bars_of_each_round_hold_the_vehicle(commissioned, truth):
+def test_id14_error_bars_of_each_round_hold_the_vehicle(rounds_of_design, truth):
     """Five or more of 19 intervals of 95 % that are independent miss in 2 of 1,000 fits."""
-    rounds, _, _ = commissioned
-    for one in rounds.rounds:
-        true = np.array([truth.value(name) for name in one.fit.names])
-        inside = np.abs(one.fit.estimate - true) < 1.96 * one.fit.sd
-        seen = np.isfinite(one.fit.sd)
-        assert np.mean(inside[seen]) > 0.75
-        assert np.sum(~inside[seen]) <= binom.isf(0.005, np.sum(seen), 0.05)
+    rounds, _, _ = rounds_of_design
+    for design_round in rounds.rounds:
+        true = np.array([truth.value(name) for name in design_round.fit.names])
+        inside = np.abs(design_round.fit.estimate - true) < 1.96 * design_round.fit.sd
+        finite = np.isfinite(design_round.fit.sd)
+        assert np.mean(inside[finite]) > 0.75
+        assert np.sum(~inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
         for name in SURE:
-            assert 0.0 < one.relative_sd(name) < 0.1, name
+            assert 0.0 < design_round.relative_sd(name) < 0.1, name
 
 
-def test_what_was_found_is_the_vehicle_that_was_driven(commissioned, truth):
-    fit = commissioned[0].rounds[-1].fit
+def test_what_was_found_is_the_vehicle_that_was_driven(rounds_of_design, truth):
+    fit = rounds_of_design[0].rounds[-1].fit
     for name, x in (
         ("[0,0]", truth.vehicle.actuator_matrix[0, 0]),
         ("[2,2]", truth.vehicle.actuator_matrix[2, 2]),
@@ -83,15 +83,15 @@ def test_what_was_found_is_the_vehicle_that_was_driven(commissioned, truth):
         assert abs(fit.value(name) - x) < 4.0 * fit.sd[fit.names.index(name)]
 
 
-def test_no_wall_is_touched(commissioned):
-    _, runs, room = commissioned
+def test_no_wall_is_touched(rounds_of_design):
+    _, runs, room = rounds_of_design
     assert len(runs) == 3
     for run in runs:
         assert np.all(np.abs(run.truth.eta[:, :2]) <= room.free)
 
 
-def test_the_table_tells_every_round(commissioned):
-    rounds, _, _ = commissioned
+def test_the_table_tells_every_round(rounds_of_design):
+    rounds, _, _ = rounds_of_design
     assert {row["round"] for row in rounds.rows()} == {1, 2}
     assert "round 2" in rounds.table().splitlines()[0]
     assert rounds.verdict in ("USABLE", "WARN")

@@ -14,43 +14,43 @@ from baqueano.study import counterpart
 from baqueano.study.identification.trials import as_sent, guess, robot
 
 
-def felt(run, change):
+def with_imu(run, change):
     c = run.sensors["imu"]
     return replace(run, sensors={**run.sensors, "imu": c._replace(z=change(c.z))})
 
 
-def codes(found):
-    return {one.code for one in found}
+def codes(findings):
+    return {finding.code for finding in findings}
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_named(case, driven, seed):
+def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_named(case, case_run, seed):
     """Its gains make up for a swap but for the sign of what a turn feels like."""
-    fit = identify(felt(driven(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
+    fit = identify(with_imu(case_run(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
     assert fit.verdict == "REFUSED"
     assert "mount.swapped" in codes(fit.reasons)
     assert "axes.inverted" not in codes(fit.reasons)
 
 
 @pytest.mark.parametrize(("axis", "which"), [(0, "first"), (1, "second"), (2, "third")])
-def test_an_inverted_axis_is_named_with_its_line(case, driven, axis, which):
+def test_an_inverted_axis_is_named_with_its_line(case, case_run, axis, which):
     sign = np.where(np.arange(3) == axis, -1.0, 1.0)
-    fit = identify(felt(driven(0, 20.0), lambda z: z * sign), case)
+    fit = identify(with_imu(case_run(0, 20.0), lambda z: z * sign), case)
     assert fit.verdict == "REFUSED"
     assert f"mount.{which}-inverted" in codes(fit.reasons)
 
 
-def test_motors_that_are_swapped_are_not_taken_for_an_imu_that_is(case, driven):
+def test_motors_that_are_swapped_are_not_taken_for_an_imu_that_is(case, case_run):
     """Everything is explained as it is: only the file says otherwise."""
-    run = driven(0, 20.0)
+    run = case_run(0, 20.0)
     fit = identify(replace(run, applied=run.applied * [1.0, 1.0, -1.0]), case)
-    assert "model.actuator_matrix[2,2]" in {one.subject for one in fit.reasons}
+    assert "model.actuator_matrix[2,2]" in {reason.subject for reason in fit.reasons}
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 
 
-def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, driven):
+def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, case_run):
     """A dead zone that the model lacks."""
-    run, limit = driven(0, 20.0), np.maximum(case.command.limit, 1e-9)
+    run, limit = case_run(0, 20.0), np.maximum(case.command.limit, 1e-9)
     part = run.applied / limit
     weak = np.sign(part) * np.maximum(np.abs(part) - 0.2, 0.0) * limit
     fit = identify(replace(simulate(case, weak, 0), applied=run.applied), case)
@@ -63,11 +63,11 @@ def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
     blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
-    found = gain_changes.gains(blocks, names, np.array([sideways, turning]), sd)
-    assert [one.code for one in found] == ["file.lever-arm"]
-    assert found[0].fix == "--free +sensors.imu.lever_arm_m"
-    found = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
-    assert [one.code for one in found] == ["file.swapped"]
+    findings = gain_changes.gains(blocks, names, np.array([sideways, turning]), sd)
+    assert [finding.code for finding in findings] == ["file.lever-arm"]
+    assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
+    findings = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    assert [finding.code for finding in findings] == ["file.swapped"]
 
 
 def test_an_imu_3_cm_off_the_centre_that_its_file_has_at_the_centre_is_not_swapped():
@@ -76,8 +76,8 @@ def test_an_imu_3_cm_off_the_centre_that_its_file_has_at_the_centre_is_not_swapp
     q = robot(seed)
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0))
-    shown = counterpart.driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
-    run = counterpart.recorded(shown, 0, u, file, "off centre", seed)
+    motion = counterpart.driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    run = counterpart.recorded(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     assert fit.verdict == "WARN"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}

@@ -18,20 +18,20 @@ def end(case):
     u = random_steps(case.command.limit, 6.0, 100.0, 5)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
         return identify(
             [simulate(rough, u, 0), simulate(rough, u[::-1], 1)], case, options=FitOptions(at_rest=True)
         )
 
 
-def pushed(blocks, record, push):
+def push_response(blocks, record, push):
     """What the sensors show (N, m) of a vehicle that is pushed (N, 3)."""
-    vehicle, shown = blocks.model.init(), []
+    vehicle, outputs = blocks.model.init(), []
     for dt_s, u, a in zip(record.dt_s, record.u, push, strict=True):
         vehicle, motion = blocks.model.step(vehicle._replace(nu=vehicle.nu + a * dt_s), u, dt_s, np.zeros(3))
         motion = motion._replace(nu_dot=motion.nu_dot + a)
-        shown.append(np.concatenate([sensor.h(motion) for sensor in blocks.sensors]))
-    return np.array(shown)
+        outputs.append(np.concatenate([sensor.h(motion) for sensor in blocks.sensors]))
+    return np.array(outputs)
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
         D[k]
-        for said, D in term_columns(end.blocks, problem, now)()
-        for k, (c, _) in enumerate(said)
+        for block, D in term_columns(end.blocks, problem, now)()
+        for k, (c, _) in enumerate(block)
         if c == code
     ]
     at = 0
@@ -57,10 +57,10 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
     ):
         blocks = substitute(end.blocks, (*problem.shape.shared, *problem.shape.own), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
-        slope = weight * (pushed(blocks, record, push) - pushed(blocks, record, -push)) / 2e-6
-        said = columns[0][at : at + slope.size].reshape(slope.shape)
+        slope = weight * (push_response(blocks, record, push) - push_response(blocks, record, -push)) / 2e-6
+        change = columns[0][at : at + slope.size].reshape(slope.shape)
         at += slope.size
-        np.testing.assert_allclose(said, slope, atol=1e-5 * np.max(np.abs(slope)))
+        np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))
 
 
 def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
@@ -71,26 +71,26 @@ def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
             np.ones(problem.size - len(end.identifiability.mask), bool),
         ]
     )
-    left = fit_residuals(problem, theta, identifiable)
-    rng, n = np.random.default_rng(0), len(left.run)
-    masks = [np.arange(n) < 0.3 * n, left.run == 1, rng.random(n) < 0.5]
-    assert left.own  # biases
-    for mask, answers in zip(masks, score_test_parts(left, masks), strict=True):
-        there = np.repeat(mask, len(left.psi) // n)
-        for one, other in zip(answers, score_test(left, left.d * there), strict=True):
-            np.testing.assert_allclose(one.size, other.size, rtol=1e-6)
-            np.testing.assert_allclose([one.z, one.freedom], [other.z, other.freedom], rtol=1e-6)
+    residuals = fit_residuals(problem, theta, identifiable)
+    rng, n = np.random.default_rng(0), len(residuals.run)
+    masks = [np.arange(n) < 0.3 * n, residuals.run == 1, rng.random(n) < 0.5]
+    assert residuals.own  # biases
+    for mask, answers in zip(masks, score_test_parts(residuals, masks), strict=True):
+        present = np.repeat(mask, len(residuals.psi) // n)
+        for part, whole in zip(answers, score_test(residuals, residuals.d * present), strict=True):
+            np.testing.assert_allclose(part.size, whole.size, rtol=1e-6)
+            np.testing.assert_allclose([part.z, part.freedom], [whole.z, whole.freedom], rtol=1e-6)
             np.testing.assert_allclose(
-                one.shift, other.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(other.shift))
+                part.shift, whole.shift, rtol=1e-6, atol=1e-9 * np.max(np.abs(whole.shift))
             )
 
 
 def test_a_probe_that_ran_away_asks_nothing(end):
     problem, theta = end.task.problem, end.search.solution.theta
-    left = fit_residuals(problem, theta, np.ones(problem.size, bool))
-    D = np.stack([left.d[0] ** 2, np.full(len(left.psi), 1.0)])
+    residuals = fit_residuals(problem, theta, np.ones(problem.size, bool))
+    D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.psi), 1.0)])
     D[1, 50:] = np.inf
-    sound, away = score_test(left, D)
+    sound, away = score_test(residuals, D)
     assert sound.size != 0.0
     assert (away.size, away.z) == (0.0, 0.0)
     assert not away.shift.any()

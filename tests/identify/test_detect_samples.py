@@ -25,16 +25,16 @@ def motion(n=4000, seed=0, step=0.0):
     return z if step == 0.0 else step * np.round(z / step)
 
 
-def codes(found):
-    return {one.code for one in found}
+def codes(findings):
+    return {finding.code for finding in findings}
 
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("step", [0.0, 1e-3])
 def test_sound_samples_are_left_alone(seed, step):
     z = motion(seed=seed, step=step)
-    after, found = check_samples("imu", IMU, channel(z))
-    assert found == []
+    after, findings = check_samples("imu", IMU, channel(z))
+    assert findings == []
     assert np.array_equal(after.z, z)
 
 
@@ -42,32 +42,32 @@ def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
     z = motion(step=6e-4, n=8000)
     z[:, 2] = motion(n=8000)[:, 0]
     last = np.random.default_rng(3).integers(0, 3, z.shape)
-    turned = z + last * np.spacing(z)
-    assert grain(turned[:, 0]).step == pytest.approx(6e-4)
-    after, found = check_samples("imu", IMU, channel(turned))
-    assert found == []
-    assert np.array_equal(after.z, turned)
+    rounded_z = z + last * np.spacing(z)
+    assert grain(rounded_z[:, 0]).step == pytest.approx(6e-4)
+    after, findings = check_samples("imu", IMU, channel(rounded_z))
+    assert findings == []
+    assert np.array_equal(after.z, rounded_z)
 
 
 @pytest.mark.parametrize("every", [2, 5, 8])
 def test_of_held_samples_the_new_ones_are_kept(every):
     z = motion()
-    held = z[np.arange(len(z)) // every * every]
-    after, found = check_samples("imu", IMU, channel(held))
+    repeated_z = z[np.arange(len(z)) // every * every]
+    after, findings = check_samples("imu", IMU, channel(repeated_z))
     new = np.isfinite(after.z).all(axis=1)
     assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), every))
-    assert "data.repeats" in codes(found)
-    assert found[0].subject == "imu"  # of all channels alike, so said once
+    assert "data.repeats" in codes(findings)
+    assert findings[0].subject == "imu"  # of all channels alike, so said once
 
 
 def test_id7_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
     z = motion()
     z[1000:1500, 2] = z[1000, 2]
-    after, found = check_samples("imu", IMU, channel(z))
-    lost = ~np.isfinite(after.z)
-    assert not lost[:, :2].any()
-    assert np.array_equal(np.flatnonzero(lost[:, 2]), np.arange(1001, 1500))
-    assert found[0].figures["longest"] == 499
+    after, findings = check_samples("imu", IMU, channel(z))
+    lost_rows = ~np.isfinite(after.z)
+    assert not lost_rows[:, :2].any()
+    assert np.array_equal(np.flatnonzero(lost_rows[:, 2]), np.arange(1001, 1500))
+    assert findings[0].figures["longest"] == 499
 
 
 @pytest.mark.parametrize("part", [0.02, 0.3])
@@ -75,8 +75,8 @@ def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
     z = motion()
     zero = np.random.default_rng(1).random(len(z)) < part
     z[zero] = 0.0
-    after, found = check_samples("imu", IMU, channel(z))
-    assert "data.zeros" in codes(found)
+    after, findings = check_samples("imu", IMU, channel(z))
+    assert "data.zeros" in codes(findings)
     assert not np.isfinite(after.z[zero]).any()
     assert np.isfinite(after.z[~zero]).all()
 
@@ -84,19 +84,19 @@ def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
 def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_ones_are_not():
     wheels, rng = Wheels(track_m=0.1, noise_std=0.01), np.random.default_rng(0)
     v = np.concatenate([np.zeros(300), 0.5 + 0.01 * rng.standard_normal(700)])
-    lost = np.arange(400, 900, 37)
-    v[lost] = 0.0
-    after, found = check_samples("wheels", wheels, channel(np.stack([v, v], axis=1)))
-    assert np.array_equal(np.flatnonzero(~np.isfinite(after.z[:, 0])), lost)
-    assert codes(found) == {"data.zeros"}
+    lost_rows = np.arange(400, 900, 37)
+    v[lost_rows] = 0.0
+    after, findings = check_samples("wheels", wheels, channel(np.stack([v, v], axis=1)))
+    assert np.array_equal(np.flatnonzero(~np.isfinite(after.z[:, 0])), lost_rows)
+    assert codes(findings) == {"data.zeros"}
 
 
 def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
     z = motion()
-    clipped = np.clip(z, -1.2, 1.2)
-    after, found = check_samples("imu", IMU, channel(clipped))
-    assert "data.clipped" in codes(found)
-    assert found[0].subject == "imu[0]"
+    clipped_z = np.clip(z, -1.2, 1.2)
+    after, findings = check_samples("imu", IMU, channel(clipped_z))
+    assert "data.clipped" in codes(findings)
+    assert findings[0].subject == "imu[0]"
     far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
     assert np.isfinite(after.z[far, 0]).mean() < 0.05
     assert np.isfinite(after.z[:, 2]).all()  # it never reached the end
@@ -110,23 +110,23 @@ def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
     identifiable = np.isfinite(after.z[:, 0])
     error = np.mean(np.sign(truth[identifiable]) * (after.z[identifiable, 0] - truth[identifiable]))
     plain = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
-    pulled = np.mean(np.sign(truth[plain]) * (z[plain] - truth[plain]))
-    assert abs(error) < 0.5 * abs(pulled)
+    pull = np.mean(np.sign(truth[plain]) * (z[plain] - truth[plain]))
+    assert abs(error) < 0.5 * abs(pull)
 
 
 def test_a_channel_without_life_is_left_out_and_doubted():
     z = motion()
     z[:, 1] = 0.0
-    after, found = check_samples("imu", IMU, channel(z))
+    after, findings = check_samples("imu", IMU, channel(z))
     assert not np.isfinite(after.z[:, 1]).any()
     dead = note("data.dead-channel", Severity.WARNING, subject="imu[1]", value=0.0, samples=4000)
-    assert found[0] == dead
+    assert findings[0] == dead
 
 
 def test_the_noise_is_reported_from_the_values_that_changed():
     z = motion()[:, 0]
-    held = np.repeat(z, 4)
-    assert grain(held).sigma == pytest.approx(0.1, rel=0.05)
+    repeated_z = np.repeat(z, 4)
+    assert grain(repeated_z).sigma == pytest.approx(0.1, rel=0.05)
     assert grain(np.zeros(100)).sigma == 0.0
 
 
@@ -134,15 +134,15 @@ def test_the_noise_is_reported_from_the_values_that_changed():
 def test_encoders_that_measure_the_time_of_a_step_are_neither_held_nor_stuck(period_s):
     """Steps of 12 a turn, of a wheel that follows commands by a lag of 50 ms and then rolls evenly."""
     rng = np.random.default_rng(0)
-    asked = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is all that it does
-    v = lfilter([0.2], [1.0, -0.8], asked)
+    requested = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is all that it does
+    v = lfilter([0.2], [1.0, -0.8], requested)
     step_m = 2.0 * np.pi * 0.0325 / 12
     z = step_m / (period_s * np.round(step_m / np.maximum(v, 0.02) / period_s))
-    after, found = check_samples("odometer", Odometer(noise_std=0.01), channel(z[:, None]))
+    after, findings = check_samples("odometer", Odometer(noise_std=0.01), channel(z[:, None]))
     assert np.isfinite(after.z).all()
-    assert found == []
-    held = z + rng.normal(0.0, 0.01, len(z))
-    _, found = check_samples(
-        "odometer", Odometer(noise_std=0.01), channel(held[np.arange(len(z)) // 2 * 2, None])
+    assert findings == []
+    noisy_z = z + rng.normal(0.0, 0.01, len(z))
+    _, findings = check_samples(
+        "odometer", Odometer(noise_std=0.01), channel(noisy_z[np.arange(len(z)) // 2 * 2, None])
     )
-    assert "data.repeats" in codes(found)
+    assert "data.repeats" in codes(findings)

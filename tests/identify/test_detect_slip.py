@@ -16,11 +16,11 @@ def test_a_drag_that_grows_with_the_square_of_the_sideways_acceleration_widens_t
     car = trials.car(702, "understeer")
     file = car_file(car)
     u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERED["understeer"])
-    shown = driven(car, u[:, None], [702], times(len(u), file.rate_hz))
-    fit = identify(recorded(shown, 0, u, file, "soft tyres", 702), file, FREE_CAR)
+    motion = driven(car, u[:, None], [702], times(len(u), file.rate_hz))
+    fit = identify(recorded(motion, 0, u, file, "soft tyres", 702), file, FREE_CAR)
     k = fit.names.index(DRAG)
     off = fit.estimate[k] - float(car_values(car)[DRAG][0])
     assert fit.verdict == "WARN"
-    assert "slip, x" in [one.figures.get("term") for one in fit.reasons]
+    assert "slip, x" in [reason.figures.get("term") for reason in fit.reasons]
     assert abs(off) < 1.96 * fit.sd[k]
     assert np.isfinite(fit.sd[k])

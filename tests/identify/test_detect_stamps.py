@@ -11,63 +11,63 @@ from baqueano.identify.diagnostics.timestamps import check_timestamps, spread
 from baqueano.runs.run import Channel
 
 
-def moved(run, move):
+def move_stamps(run, move):
     sensors = {n: Channel(move(c.t_ns), move(c.arrival_ns), c.z) for n, c in run.sensors.items()}
     return replace(run, t_ns=move(run.t_ns), sensors=sensors, truth=None)
 
 
-def codes(found):
-    return [one.code for one in found]
+def codes(findings):
+    return [finding.code for finding in findings]
 
 
-def test_a_sound_run_is_given_back_as_it_is(driven):
-    run = driven(0, 20.0)
-    pieces, found = check_timestamps(run, 100.0)
-    assert found == []
+def test_a_sound_run_is_given_back_as_it_is(case_run):
+    run = case_run(0, 20.0)
+    pieces, findings = check_timestamps(run, 100.0)
+    assert findings == []
     assert pieces == [run]
 
 
-def test_id3_half_a_step_of_jitter_is_not_a_burst(driven):
-    run = driven(0, 20.0)
+def test_id3_half_a_step_of_jitter_is_not_a_burst(case_run):
+    run = case_run(0, 20.0)
     jitter = np.random.default_rng(0).uniform(-0.45e7, 0.45e7, len(run.t_ns)).astype(np.int64)
-    pieces, found = check_timestamps(moved(run, lambda t: t + jitter), 100.0)
-    assert found == []
+    pieces, findings = check_timestamps(move_stamps(run, lambda t: t + jitter), 100.0)
+    assert findings == []
     assert len(pieces) == 1
 
 
-def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off):
-    run = driven(0, 20.0)
-    jump = moved(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
-    pieces, found = check_timestamps(jump, 100.0)
+def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(case_run, case, off):
+    run = case_run(0, 20.0)
+    jump = move_stamps(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
+    pieces, findings = check_timestamps(jump, 100.0)
     assert [len(piece.t_ns) for piece in pieces] == [900, 1100]
-    assert codes(found) == ["time.jump"]
-    assert found[0].severity == Severity.INFO
+    assert codes(findings) == ["time.jump"]
+    assert findings[0].severity == Severity.INFO
     fit = identify(jump, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    assert [one.figures["jumps"] for one in fit.notes if one.code == "time.jump"] == [1]
+    assert [note.figures["jumps"] for note in fit.notes if note.code == "time.jump"] == [1]
 
 
-def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven):
-    run = driven(0, 20.0)
-    jumps = moved(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
+def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(case_run):
+    run = case_run(0, 20.0)
+    jumps = move_stamps(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
     pieces, several = check_timestamps(jumps, 100.0)
-    (found,) = (one for one in several if one.code.startswith("time.jump"))
-    assert (found.code, found.severity) == ("time.jump-throughout", Severity.ERROR)
+    (finding,) = (finding for finding in several if finding.code.startswith("time.jump"))
+    assert (finding.code, finding.severity) == ("time.jump-throughout", Severity.ERROR)
     assert len(pieces) == 1
 
 
 @pytest.mark.parametrize(
     ("factor", "guess"), [(1000.0, "milliseconds-as-seconds"), (0.001, "seconds-as-milliseconds")]
 )
-def test_a_clock_in_another_unit_is_refused_by_its_name(driven, case, factor, guess):
-    run = driven(0, 20.0)
+def test_a_clock_in_another_unit_is_refused_by_its_name(case_run, case, factor, guess):
+    run = case_run(0, 20.0)
     first = run.t_ns[0]
-    wrong = moved(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
+    wrong = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
     fit = identify(wrong, case)
     assert fit.verdict == "REFUSED"
-    (why,) = (one for one in fit.reasons if one.code == "time.unit")
-    assert why.figures["rate_hz"] == 100.0
-    assert why.figures["guess"].code == f"time.{guess}"
+    (reason,) = (candidate for candidate in fit.reasons if candidate.code == "time.unit")
+    assert reason.figures["rate_hz"] == 100.0
+    assert reason.figures["guess"].code == f"time.{guess}"
 
 
 def test_bursts_are_spread_from_the_end_of_one_to_the_end_of_the_next():
@@ -77,8 +77,8 @@ def test_bursts_are_spread_from_the_end_of_one_to_the_end_of_the_next():
     assert np.max(np.abs(spread(burst) - regular)) < 10_000
 
 
-def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(driven, case, off):
-    run = driven(0, 20.0)
+def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(case_run, case, off):
+    run = case_run(0, 20.0)
     c = run.sensors["imu"]
     last = np.minimum((np.arange(len(c.t_ns)) // 6 + 1) * 6 - 1, len(c.t_ns) - 1)
     imu = Channel(c.t_ns[last] - (last - np.arange(len(last))) * 20_000, c.arrival_ns[last], c.z)
@@ -88,23 +88,23 @@ def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(driven, case, 
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_samples_whose_stamp_is_not_their_time_are_left_out(driven, case, off):
-    run = driven(0, 20.0)
+def test_samples_whose_stamp_is_not_their_time_are_left_out(case_run, case, off):
+    run = case_run(0, 20.0)
     c = run.sensors["imu"]
     back = np.arange(len(c.t_ns)) > 1200
     imu = c._replace(t_ns=c.t_ns - back * 3600 * 10**9)
-    pieces, found = check_timestamps(replace(run, sensors={"imu": imu}), 100.0)
+    pieces, findings = check_timestamps(replace(run, sensors={"imu": imu}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == 1201
-    assert (found[0].code, found[0].severity) == ("time.stamps-far", Severity.WARNING)
+    assert (findings[0].code, findings[0].severity) == ("time.stamps-far", Severity.WARNING)
     fit = identify(replace(run, sensors={"imu": imu}), case)
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_id3_stamps_that_repeat_are_left_out(driven):
-    run = driven(0, 20.0)
+def test_id3_stamps_that_repeat_are_left_out(case_run):
+    run = case_run(0, 20.0)
     c = run.sensors["imu"]
     t_ns = c.t_ns.copy()
     t_ns[100:200:10] = t_ns[99:199:10]
-    pieces, found = check_timestamps(replace(run, sensors={"imu": c._replace(t_ns=t_ns)}), 100.0)
+    pieces, findings = check_timestamps(replace(run, sensors={"imu": c._replace(t_ns=t_ns)}), 100.0)
     assert len(pieces[0].sensors["imu"].t_ns) == len(t_ns) - 10
-    assert (found[0].code, found[0].figures["lost"]) == ("time.stamps-back", 10)
+    assert (findings[0].code, findings[0].figures["lost"]) == ("time.stamps-back", 10)

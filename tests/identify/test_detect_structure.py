@@ -24,8 +24,8 @@ def u(case):
     return random_steps(case.command.limit, 30.0, 100.0, 3)
 
 
-def codes(found):
-    return {one.code for one in found}
+def codes(findings):
+    return {finding.code for finding in findings}
 
 
 @pytest.mark.parametrize("kind", ["random_steps", "prbs"])
@@ -48,18 +48,18 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     rough = case.with_values({"model.friction.coulomb": [2.0, 0.0, 180.0]})
     fit = identify(simulate(rough, u, 0), case)
     assert fit.verdict == "WARN"
-    missing = [one for one in fit.reasons if one.code == "residual.missing"]
-    assert "term.dry-friction" in {one.figures["what"].code for one in missing}
+    missing = [reason for reason in fit.reasons if reason.code == "residual.missing"]
+    assert "term.dry-friction" in {reason.figures["what"].code for reason in missing}
 
 
 def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(case, u):
-    other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
+    worn_case = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     first = simulate(case, u, 0)
-    second = simulate(other, u[1500:], 1, nu0=first.truth.nu[1499])
+    second = simulate(worn_case, u[1500:], 1, nu0=first.truth.nu[1499])
     z = first.sensors["imu"].z.copy()
     z[1500:] = second.sensors["imu"].z
-    mixed = replace(first, sensors={"imu": first.sensors["imu"]._replace(z=z)}, truth=None)
-    fit = identify(mixed, case)
+    mixed_run = replace(first, sensors={"imu": first.sensors["imu"]._replace(z=z)}, truth=None)
+    fit = identify(mixed_run, case)
     assert fit.verdict == "WARN"
     assert "residual.parts-differ" in codes(fit.reasons)
     k = fit.names.index("model.friction.linear[0]")
@@ -69,8 +69,8 @@ def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(c
 
 
 def test_of_two_runs_of_two_vehicles_the_difference_is_reported(case, u):
-    other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
-    runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, other))]
+    worn_case = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
+    runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, worn_case))]
     fit = identify(runs, case)
     assert fit.verdict == "WARN"
     assert "residual.parts-differ" in codes(fit.reasons)
@@ -81,27 +81,27 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
     from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
-    run, seen = simulate(rough, u, 0), {}
+    run, scores = simulate(rough, u, 0), {}
 
     def look(end):
         problem, theta = end.task.problem, end.search.solution.theta
-        left = fit_residuals(problem, theta, end.identifiability.mask)
+        residuals = fit_residuals(problem, theta, end.identifiability.mask)
         for words, D in term_columns(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
-            seen.update(zip((code for code, _ in words), score_test(left, D), strict=True))
-        seen["names"], seen["theta"] = problem.shape.shared, theta
+            scores.update(zip((code for code, _ in words), score_test(residuals, D), strict=True))
+        scores["names"], scores["theta"] = problem.shape.shared, theta
 
     from baqueano.identify import prediction_error_fit as module
 
     whole = module.fit_of
     try:
-        module.fit_of = lambda end, *known: (look(end), whole(end, *known))[1]
+        module.fit_of = lambda end, *args: (look(end), whole(end, *args))[1]
         identify(run, case)
     finally:
         module.fit_of = whole
-    answer = seen["dry friction, x"]
+    answer = scores["dry friction, x"]
     assert answer.z < -5.0  # a push against the motion
-    k = seen["names"].index("model.friction.linear[0]")
-    before, after = seen["theta"][k] - 7.0, seen["theta"][k] + answer.shift[k] - 7.0
+    k = scores["names"].index("model.friction.linear[0]")
+    before, after = scores["theta"][k] - 7.0, scores["theta"][k] + answer.shift[k] - 7.0
     assert abs(after) < 0.5 * abs(before)
 
 

@@ -41,8 +41,8 @@ def at_ten_hertz():
 
 def accused(fit):
     """What the reasons say of the gyro's unit, by itself or beside the accelerometer."""
-    both = [one.figures["gyro"] for one in fit.reasons if one.code == physical_units.CURVE]
-    return [*both, *(one for one in fit.reasons if one.code == "gyro.unit")]
+    both = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE]
+    return [*both, *(reason for reason in fit.reasons if reason.code == "gyro.unit")]
 
 
 @pytest.mark.parametrize(
@@ -53,15 +53,15 @@ def test_a_slow_car_is_reported_which_unit_its_gyro_has(at_ten_hertz, factor, un
     for use in (None, ("imu",)):
         fit = identify(with_gyro(run, factor), file, use=use)
         assert fit.verdict == "REFUSED"
-        (found,) = (gyro for gyro in accused(fit) if gyro.figures["by"].code == "gyro.as-curve")
-        assert (found.figures["given"], found.figures["read"]) == (unit, was)
+        (finding,) = (gyro for gyro in accused(fit) if gyro.figures["by"].code == "gyro.as-curve")
+        assert (finding.figures["given"], finding.figures["read"]) == (unit, was)
 
 
 def test_without_wheels_the_commands_tell(small):
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(with_gyro(run, 1.0 / DEGREES), small)
     assert fit.verdict == "REFUSED"
-    assert "gyro.as-commands" in [one.figures["by"].code for one in accused(fit)]
+    assert "gyro.as-commands" in [reason.figures["by"].code for reason in accused(fit)]
 
 
 @pytest.mark.parametrize("part", [30.0, 57.0])
@@ -82,8 +82,8 @@ def guessed_sticky(small):
     linear = small.vehicle.friction.linear
     quiet = small.with_values({"model.friction.coulomb": [0.25, 0.0, 0.003]})
     free = quiet.with_values({FRICTION: [*linear[:2], linear[2] / 3.0]})
-    guessed = quiet.with_values({FRICTION: [*linear[:2], linear[2] * 28.0]})
-    return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guessed
+    guess = quiet.with_values({FRICTION: [*linear[:2], linear[2] * 28.0]})
+    return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guess
 
 
 def test_a_fit_that_keeps_the_gains_of_the_file_clears_the_gyro_of_a_guessed_friction(guessed_sticky):
@@ -104,7 +104,7 @@ def test_a_wheelbase_that_makes_up_for_the_unit_clears_nothing(at_ten_hertz):
     fit = identify(gyro_alone, file, free, options=FitOptions(start={"model.wheelbase_m": 6.0}))
     assert fit.converged
     assert fit.value("model.wheelbase_m") > 5.0
-    assert "gyro.as-commands" in [one.figures["by"].code for one in accused(fit)]
+    assert "gyro.as-commands" in [reason.figures["by"].code for reason in accused(fit)]
 
 
 @pytest.mark.parametrize("guess", [0.5, 1.0, 2.0])
@@ -131,8 +131,8 @@ def test_two_wheels_tell_though_they_skid():
     )  # skid: 1.6 times
     imu = np.column_stack([rng.normal(size=(n, 2)), omega + 0.02 * rng.normal(size=n)])
     assert beside_wheels(imu, wheels, 20.0) == []
-    (found,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)
-    assert found.figures["by"] == note("gyro.as-wheels", subject="wheels")
+    (finding,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)
+    assert finding.figures["by"] == note("gyro.as-wheels", subject="wheels")
     assert beside_wheels(imu * [1.0, 1.0, 9.8], wheels, 20.0) == []
 
 
@@ -149,10 +149,10 @@ def test_wheels_that_turn_as_the_gyro_does_clear_it_though_an_axis_of_the_plane_
 
 def test_a_curve_alone_accuses_gyro_and_accelerometer(at_ten_hertz):
     file, run = at_ten_hertz
-    (found,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
-    assert found.figures["gyro"].figures["given"] == "deg/s"
-    assert (found.code, found.subject) == (physical_units.CURVE, "imu[1]")
-    assert found.figures["times"] < 0.1
+    (finding,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
+    assert finding.figures["gyro"].figures["given"] == "deg/s"
+    assert (finding.code, finding.subject) == (physical_units.CURVE, "imu[1]")
+    assert finding.figures["times"] < 0.1
 
 
 @pytest.mark.parametrize("seed", [0, 3])
@@ -174,7 +174,9 @@ def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
     run = simulate(file, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     matrix = file.vehicle.actuator_matrix * [1.0, 1.0, 1.0 / 30.0]
     fit = identify(run, file.with_values({"model.actuator_matrix": matrix.tolist()}))
-    assert "model.actuator_matrix[2,2]" in [one.subject for one in fit.reasons if one.code == "file.far-gain"]
+    assert "model.actuator_matrix[2,2]" in [
+        reason.subject for reason in fit.reasons if reason.code == "file.far-gain"
+    ]
     assert not accused(fit)
 
 
@@ -186,8 +188,8 @@ def test_a_recorded_car_is_named_in_either_unit_and_not_where_it_is_right():
     run = import_run("cpm_run_a").run
     assert physical_units.check_gyro_unit(run, car, "imu") == []
     for factor, unit in ((DEGREES, "deg/s"), (1.0 / DEGREES, "rad/s")):
-        (found,) = physical_units.check_gyro_unit(with_gyro(run, factor), car, "imu")
-        assert found.figures.get("gyro", found).figures["given"] == unit
+        (finding,) = physical_units.check_gyro_unit(with_gyro(run, factor), car, "imu")
+        assert finding.figures.get("gyro", finding).figures["given"] == unit
 
 
 def test_a_gyro_that_makes_the_model_run_away_ends_in_a_verdict(at_ten_hertz):

@@ -11,36 +11,36 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import gain_changes
 
 
-def felt(run, change):
+def with_imu(run, change):
     c = run.sensors["imu"]
     return replace(run, sensors={"imu": c._replace(z=change(c.z.copy()))})
 
 
 def reasons(fit):
-    return {one.code: one for one in fit.reasons}
+    return {reason.code: reason for reason in fit.reasons}
 
 
 def guesses(fit):
     """The codes of the units that the reasons guess."""
-    return {one.figures["guess"].code for one in fit.reasons if one.figures.get("guess")}
+    return {reason.figures["guess"].code for reason in fit.reasons if reason.figures.get("guess")}
 
 
-def test_id2_a_gyro_in_degrees_is_refused(driven, case):
-    fit = identify(felt(driven(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
+def test_id2_a_gyro_in_degrees_is_refused(case_run, case):
+    fit = identify(with_imu(case_run(0, 20.0), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
     assert "gyro.too-fast" in reasons(fit) or "guess.degrees" in guesses(fit)
 
 
-def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, driven):
+def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, case_run):
     slow = case.with_values({"command.limit": [20.0, 0.0, 6.0]})
-    fit = identify(felt(driven(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
+    fit = identify(with_imu(case_run(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
     assert "guess.degrees" in guesses(fit)
     assert {"file.gain", "file.far-gain"} & reasons(fit).keys()
 
 
-def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(driven, case):
-    fit = identify(felt(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
+def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(case_run, case):
+    fit = identify(with_imu(case_run(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
     assert fit.verdict != "USABLE"
     assert "guess.g" in guesses(fit)
 
@@ -56,22 +56,22 @@ def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
     assert reasons(fit)["command.unit"].figures["guess"] == guess
 
 
-def test_gravity_in_the_plane_is_reported(driven, case):
+def test_gravity_in_the_plane_is_reported(case_run, case):
     def upright(z):
         z[:, 1] = 9.80665 + 0.05 * np.random.default_rng(0).standard_normal(len(z))
         return z
 
-    fit = identify(felt(driven(0, 20.0), upright), case)
+    fit = identify(with_imu(case_run(0, 20.0), upright), case)
     assert fit.verdict != "USABLE"
     (tilted,) = (
-        one for code, one in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
+        reason for code, reason in reasons(fit).items() if code in ("gravity.at-rest", "gravity.all-the-time")
     )
     assert tilted.subject == "imu[1]"
     assert tilted.figures["off_m_s2"] == pytest.approx(9.8, abs=0.01)
 
 
 @pytest.fixture(scope="module")
-def turned(small):
+def turned_run(small):
     """A run of the small vehicle, whose accelerometer feels the turns."""
     from baqueano.identify import random_steps
     from baqueano.simulate import simulate
@@ -79,50 +79,50 @@ def turned(small):
     return simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 1), 1)
 
 
-def test_swapped_axes_follow_each_others_predictions(turned, small):
-    fit = identify(felt(turned, lambda z: z[:, [1, 0, 2]]), small)
+def test_swapped_axes_follow_each_others_predictions(turned_run, small):
+    fit = identify(with_imu(turned_run, lambda z: z[:, [1, 0, 2]]), small)
     assert fit.verdict == "REFUSED"
-    swapped = reasons(fit)["axes.swapped"]
-    assert (swapped.subject, swapped.figures["other"]) == ("imu[0]", "imu[1]")
+    swap = reasons(fit)["axes.swapped"]
+    assert (swap.subject, swap.figures["other"]) == ("imu[0]", "imu[1]")
 
 
 def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_was_the_largest(case):
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
-    found = gain_changes.check_gain_changes(
+    findings = gain_changes.check_gain_changes(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
-    assert [(one.code, one.subject) for one in found] == [("file.swapped", "u[0]")]
-    axes = [found[0].figures[name].code for name in ("expected", "found")]
+    assert [(finding.code, finding.subject) for finding in findings] == [("file.swapped", "u[0]")]
+    axes = [findings[0].figures[name].code for name in ("expected", "found")]
     assert axes == ["axis.forward", "axis.sideways"]
 
 
-def test_an_inverted_accelerometer_goes_against_the_model(turned, small):
-    fit = identify(felt(turned, lambda z: z * [1.0, -1.0, 1.0]), small)
+def test_an_inverted_accelerometer_goes_against_the_model(turned_run, small):
+    fit = identify(with_imu(turned_run, lambda z: z * [1.0, -1.0, 1.0]), small)
     assert fit.verdict == "REFUSED"
     assert reasons(fit)["axes.inverted"].subject == "imu[1]"
 
 
-def test_an_inverted_gyro_is_reported_by_the_sign_of_the_gain_and_by_the_accelerometer(turned, small):
-    fit = identify(felt(turned, lambda z: z * [1.0, 1.0, -1.0]), small)
+def test_an_inverted_gyro_is_reported_by_the_sign_of_the_gain_and_by_the_accelerometer(turned_run, small):
+    fit = identify(with_imu(turned_run, lambda z: z * [1.0, 1.0, -1.0]), small)
     assert fit.verdict != "USABLE"
     assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
 
 
 def test_an_inverted_gain_is_reported_where_nothing_else_contradicts_it(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
-    found = gain_changes.check_gain_changes(
+    findings = gain_changes.check_gain_changes(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
-    assert (found[0].code, found[0].severity) == ("file.inverted", Severity.WARNING)
-    assert found[0].subject == "model.actuator_matrix[2,2]"
-    assert (found[0].figures["now"], found[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
+    assert (findings[0].code, findings[0].severity) == ("file.inverted", Severity.WARNING)
+    assert findings[0].subject == "model.actuator_matrix[2,2]"
+    assert (findings[0].figures["now"], findings[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
 
 
-def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(driven, case):
-    guessed = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
-    assert identify(driven(0, 20.0), guessed).verdict == "USABLE"
+def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(case_run, case):
+    guess = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
+    assert identify(case_run(0, 20.0), guess).verdict == "USABLE"
 
 
 @pytest.mark.parametrize(
@@ -132,15 +132,15 @@ def test_a_gain_that_is_half_or_double_that_of_the_file_is_not_a_reason_and_anot
     case, times, codes
 ):
     was = case.value("model.actuator_matrix[2,2]")
-    found = gain_changes.gains(
+    findings = gain_changes.gains(
         FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
         np.array([times * was]),
         np.array([0.01]),
     )
-    assert [one.code for one in found] == codes
+    assert [finding.code for finding in findings] == codes
 
 
-def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(driven, case):
-    fit = identify(driven(0, 20.0).cut(2.0, 2.5), case)
+def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(case_run, case):
+    fit = identify(case_run(0, 20.0).cut(2.0, 2.5), case)
     assert fit.verdict == "REFUSED"

@@ -19,9 +19,9 @@ NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
 )
 def test_few_readings_tell_the_size_of_a_misfit_and_nothing_of_their_own_noise(tags, free):
     ekf = parse(load("small").text + TAGS, "small").estimator(use=("imu", "tags"))
-    found = {one.path for one in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
-    assert {path for path in found if "[1]" not in path and "[2]" not in path} == set(free)
-    assert {"disturbance_std[1]", "disturbance_fade_s[1]", "velocity_walk_std[2]"} <= found
+    paths = {parameter.path for parameter in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
+    assert {path for path in paths if "[1]" not in path and "[2]" not in path} == set(free)
+    assert {"disturbance_std[1]", "disturbance_fade_s[1]", "velocity_walk_std[2]"} <= paths
 
 
 def test_a_speed_that_is_counted_is_no_better_known_than_its_step():
@@ -32,11 +32,13 @@ def test_a_speed_that_is_counted_is_no_better_known_than_its_step():
     speed, tags = rng.uniform(0.0, 1.0, (600, 1)), 0.5 * rng.choice([-1.0, 1.0], (600, 2))
     imu = 0.01 * np.rint(100.0 * rng.standard_normal((600, 3)))
 
-    def found(z):
+    def rounding_of(z):
         run = SimpleNamespace(
             sensors={n: SimpleNamespace(z=x) for n, x in zip(its.names, (imu, z, tags), strict=True)}
         )
         return _rounding(its, {"imu"}, [run])
 
-    assert found(0.04 * np.rint(speed / 0.04)) == {("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)}
-    assert found(speed) == {}
+    assert rounding_of(0.04 * np.rint(speed / 0.04)) == {
+        ("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)
+    }
+    assert rounding_of(speed) == {}

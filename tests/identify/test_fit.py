@@ -43,8 +43,8 @@ gyro_noise_std = 0.005
 
 
 @pytest.fixture(scope="module")
-def fits(case, driven):
-    return [identify(driven(seed), case) for seed in range(12)]
+def fits(case, case_run):
+    return [identify(case_run(seed), case) for seed in range(12)]
 
 
 def test_case_study_1_is_found_within_its_error_bars(case, fits, off):
@@ -76,7 +76,7 @@ def test_the_column_of_a_command_that_the_vehicle_lacks_is_null_once_in_words_an
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, driven, off, seed):
+def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, case_run, off, seed):
     rng = np.random.default_rng(seed)
 
     def wrong(x):
@@ -86,13 +86,13 @@ def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, drive
     start |= {
         f"model.actuator_matrix[{i},{i}]": rng.choice([-1, 1]) * wrong(x) for i, x in ((0, 1.0), (2, 29.99))
     }
-    fit = identify(driven(seed, 20.0), case, options=FitOptions(start=start))
+    fit = identify(case_run(seed, 20.0), case, options=FitOptions(start=start))
     assert fit.converged
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_id5_one_outlier_in_ten_hardly_matters(case, driven, off):
-    run = driven(1)
+def test_id5_one_outlier_in_ten_hardly_matters(case, case_run, off):
+    run = case_run(1)
     rng = np.random.default_rng(0)
     z = run.sensors["imu"].z.copy()
     hit = rng.random(z.shape) < 0.1
@@ -102,23 +102,23 @@ def test_id5_one_outlier_in_ten_hardly_matters(case, driven, off):
     assert np.max(np.abs(off(fit, case))) < 4.5
     assert np.nanmax(fit.sd / clean.sd) < 1.35
     assert fit.verdict == "USABLE"
-    assert "outliers.both-sides" in [one.code for one in fit.notes]
+    assert "outliers.both-sides" in [note.code for note in fit.notes]
 
 
-def test_id13_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(case, driven):
+def test_id13_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(case, case_run):
     frictionless = case.with_values({"model.friction.quadratic": [0.0, 3.5, 250.0]})
-    ends = [identify(driven(seed, 20.0, frictionless), frictionless) for seed in range(6)]
+    ends = [identify(case_run(seed, 20.0, frictionless), frictionless) for seed in range(6)]
     at = [fit for fit in ends if fit.bound[fit.names.index("model.friction.quadratic[0]")] == -1]
     assert 1 <= len(at) <= 6  # by chance half of them
     assert all(fit.value("model.friction.quadratic[0]") >= 0.0 for fit in ends)
     row = next(r for r in at[0].rows() if r["name"] == "model.friction.quadratic[0]")
     assert row["bound"] == "low"
-    assert {"bound.low-held", "bound.low-by-chance"} & {one.code for one in at[0].findings}
+    assert {"bound.low-held", "bound.low-by-chance"} & {finding.code for finding in at[0].findings}
     assert "at its low bound" in at[0].table()
 
 
-def test_biases_and_the_speed_at_the_start_are_found_along(case, driven):
-    run = driven(2, 20.0, nu0=np.array([1.5, 0.2, -1.0]))
+def test_biases_and_the_speed_at_the_start_are_found_along(case, case_run):
+    run = case_run(2, 20.0, nu0=np.array([1.5, 0.2, -1.0]))
     z = run.sensors["imu"].z + np.array([0.3, -0.2, 0.05])
     run = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
     fit = identify(run, case)
@@ -132,21 +132,21 @@ def test_biases_and_the_speed_at_the_start_are_found_along(case, driven):
     assert fit.blocks.sensors.imu.gyro_bias == fit.own[0, 2]
 
 
-def test_two_runs_are_better_than_one_and_keep_their_own_biases(case, driven, off):
-    a, b = driven(3, 20.0), driven(4, 20.0)
+def test_two_runs_are_better_than_one_and_keep_their_own_biases(case, case_run, off):
+    a, b = case_run(3, 20.0), case_run(4, 20.0)
     b = replace(
         b,
         name="b",
         sensors={"imu": b.sensors["imu"]._replace(z=b.sensors["imu"].z + np.array([0.5, 0.0, 0.1]))},
     )
-    both, one = identify([a, b], case), identify(a, case)
+    both, single = identify([a, b], case), identify(a, case)
     assert np.max(np.abs(off(both, case))) < 4.5
-    assert np.nanmedian(both.sd / one.sd) == pytest.approx(np.sqrt(0.5), rel=0.2)
+    assert np.nanmedian(both.sd / single.sd) == pytest.approx(np.sqrt(0.5), rel=0.2)
     np.testing.assert_allclose(both.own[:, 2], [0.0, 0.1], atol=5e-3)
 
 
-def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, driven, off):
-    run = driven(5, 30.0)
+def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, case_run, off):
+    run = case_run(5, 30.0)
     rng = np.random.default_rng(0)
     keep = rng.random(len(run.t_ns)) < 0.9  # a tenth of the measurements never arrived
     imu = run.sensors["imu"]
@@ -155,11 +155,11 @@ def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, driven, 
     run = replace(run, sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])})
     fit = identify(run, case)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    assert "data.not-finite" in [one.code for one in fit.notes]
+    assert "data.not-finite" in [note.code for note in fit.notes]
 
 
-def test_other_back_ends_find_the_same(case, driven):
-    run = driven(6, 12.0)  # long enough for a first search over its first part
+def test_other_back_ends_find_the_same(case, case_run):
+    run = case_run(6, 12.0)  # long enough for a first search over its first part
     free = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
     a, b = (
         identify(run, case, free, options=FitOptions(at_rest=True, biases=False, backend=name))
@@ -170,8 +170,8 @@ def test_other_back_ends_find_the_same(case, driven):
     np.testing.assert_allclose(a.sd, b.sd, rtol=5e-3)  # σ settles to 0.5 %
 
 
-def test_free_fixed_and_bounds_are_taken_by_path(case, driven):
-    run = driven(7, 10.0)
+def test_free_fixed_and_bounds_are_taken_by_path(case, case_run):
+    run = case_run(7, 10.0)
     fit = identify(
         run,
         case,
@@ -195,20 +195,22 @@ def test_the_small_vehicle_with_dead_zones_lag_and_a_caster_is_found(small, off)
     fit = identify(simulate(small, u, 3), small)
     assert np.max(np.abs(off(fit, small))) < 4.5  # coloured by the floor's noise
     assert fit.autocorrelated
-    assert "residual.not-white" in [one.code for one in fit.notes]
+    assert "residual.not-white" in [note.code for note in fit.notes]
     assert fit.verdict in ("USABLE", "WARN")
 
 
-def test_the_kinematic_matrix_is_found_by_the_same_cost(case, driven):
+def test_the_kinematic_matrix_is_found_by_the_same_cost(case, case_run):
     file = parse(KINEMATIC, "k.toml")
-    fit = identify(driven(8, 20.0, file), file, options=FitOptions(start={"model.velocity_matrix[0,0]": 0.3}))
+    fit = identify(
+        case_run(8, 20.0, file), file, options=FitOptions(start={"model.velocity_matrix[0,0]": 0.3})
+    )
     k = [fit.names.index(f"model.velocity_matrix[{i},{i}]") for i in (0, 2)]
     assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.sd[k])) < 4.5
     cut = identify(
-        driven(8, 20.0, file), file, options=FitOptions(segment_s=5.0)
+        case_run(8, 20.0, file), file, options=FitOptions(segment_s=5.0)
     )  # it carries no velocity into a piece
     np.testing.assert_allclose(cut.estimate[k], fit.estimate[k], rtol=0.05)
-    truth = identify(driven(8, 20.0), file, use=["truth"])  # the dynamic vehicle, its velocity told
+    truth = identify(case_run(8, 20.0), file, use=["truth"])  # the dynamic vehicle, its velocity told
     assert 0.05 < truth.value("model.velocity_matrix[0,0]") < 0.15
 
 
@@ -223,15 +225,15 @@ def test_a_car_is_found_from_odometer_and_gyro():
     assert [np.isnan(c.explained) for c in fit.channels if c.sensor == "imu"] == [True, True, False]
 
 
-def test_a_search_that_is_stopped_from_outside_gives_what_it_found_and_is_refused(case, driven):
-    told = []
+def test_a_search_that_is_stopped_from_outside_gives_what_it_found_and_is_refused(case, case_run):
+    texts = []
 
     def say(text):
-        told.append(text)
+        texts.append(text)
         return True
 
-    fit = identify(driven(0, 20.0), case, say=say)
-    assert [text[:7] for text in told] == ["round 1"]
+    fit = identify(case_run(0, 20.0), case, say=say)
+    assert [text[:7] for text in texts] == ["round 1"]
     assert not fit.converged
     assert fit.verdict == "REFUSED"
     assert np.isfinite(fit.value("model.friction.linear[0]"))

@@ -28,16 +28,18 @@ from tests.codes import of_code
 LIMIT = {"small": [1.0, 0.0, 1.0], "car": [0.5, 0.8]}
 
 
-def driven(name, seconds=40.0, seed=1):
+def drive_named(name, seconds=40.0, seed=1):
     file = load(name)
     run = simulate(file, random_steps(LIMIT[name], seconds, file.rate_hz, seed), seed)
     return file, run
 
 
 def fitted(name):
-    file, run = driven(name)
-    fixed = ["model.quadratic_drag"] if name == "car" else []  # else at its bound, where half the draws end
-    return identify(run, file, options=FitOptions(fixed=fixed, diagnose=False)), run
+    file, run = drive_named(name)
+    fixed_names = (
+        ["model.quadratic_drag"] if name == "car" else []
+    )  # else at its bound, where half the draws end
+    return identify(run, file, options=FitOptions(fixed=fixed_names, diagnose=False)), run
 
 
 @pytest.fixture(scope="module")
@@ -89,18 +91,18 @@ def test_a_lap_is_as_wrong_as_those_of_drawn_vehicles(each):
 
 def test_a_run_without_a_lap_says_why(small):
     fit, run = small
-    found = forecast(fit, run, eight(0.5, 30.0))
-    assert len(found.ahead) == 1
-    assert found.notes[0].code == "forecast.strays"
+    ahead = forecast(fit, run, eight(0.5, 30.0))
+    assert len(ahead.ahead) == 1
+    assert ahead.notes[0].code == "forecast.strays"
 
 
 def test_a_lost_heading_is_not_a_distance():
-    said = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
-    assert (said.code, said.figures["heading_deg"]) == ("forecast.lost", "34")
+    message = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
+    assert (message.code, message.figures["heading_deg"]) == ("forecast.lost", "34")
 
 
 def test_a_fit_of_sensors_alone_predicts_nothing():
-    file, run = driven("small", 10.0)
+    file, run = drive_named("small", 10.0)
     fit = identify(run, file, ["sensors.imu.lever_arm_m"], options=FitOptions(diagnose=False))
     with pytest.raises(UsageError, check=of_code("forecast.no-errors")):
         forecast(fit, run)
@@ -122,9 +124,9 @@ def test_terminal_json_and_report_say_it(small, tmp_path, monkeypatch, capsys):
     words = ["identify", "one.mcap", "--no-noise", "--route", "circle", "--free", "model.mass_kg"]
     with pytest.raises(SystemExit):
         main(words)
-    said = capsys.readouterr().out
-    assert "s of open loop, driven like these runs (" in said
-    assert "s of open loop, one lap of circle (" in said
+    printed = capsys.readouterr().out
+    assert "s of open loop, driven like these runs (" in printed
+    assert "s of open loop, one lap of circle (" in printed
     with pytest.raises(SystemExit):
         main([*words, "--json"])
     rows = json.loads(capsys.readouterr().out)["forecast"]

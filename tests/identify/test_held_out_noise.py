@@ -19,7 +19,7 @@ def small(small):
 
 
 @pytest.fixture(scope="module")
-def known(small):
+def truth_fit(small):
     """A fit, its noise from the truth, and an unseen run."""
     runs = []
     for seed in (1, 2):
@@ -29,42 +29,42 @@ def known(small):
     return fit, measure_noise(fit, runs[0]), runs[1]
 
 
-def test_a_wrong_covariance_predicts_worse_and_its_nis_says_which_way(known):
-    fit, noise, unseen = known
+def test_a_wrong_covariance_predicts_worse_and_its_nis_says_which_way(truth_fit):
+    fit, noise, unseen_run = truth_fit
     wrong = {
         "too small": replace(noise, process=1e-4 * noise.process),
         "too large": replace(noise, process=1e2 * noise.process),
     }
-    found = compare_noise(fit, {"truth": noise} | wrong, unseen)
-    by_name = {one.name: one for one in found.tried}
-    assert found.best == "truth"
+    comparison = compare_noise(fit, {"truth": noise} | wrong, unseen_run)
+    by_name = {tried.name: tried for tried in comparison.tried}
+    assert comparison.best == "truth"
     assert abs(by_name["truth"].nis - 1.0) < 0.1
     assert by_name["too large"].consistent == "too careful"
     assert by_name["too small"].consistent == "too sure"
-    assert found.rows()[0]["name"] == "truth"
-    assert "best: truth" in found.table()
+    assert comparison.rows()[0]["name"] == "truth"
+    assert "best: truth" in comparison.table()
 
 
-def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(known, small):
+def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(truth_fit, small):
     from baqueano.compare import compare
     from baqueano.drive import replay
 
-    fit, noise, unseen = known
-    again = replay(unseen, noise.updated(fit.vehicle_file))
-    theirs = compare(again, names=["x"]).rows()[0]["nis"]
-    ours = compare_noise(fit, {"truth": noise}, unseen).tried[0]
-    assert ours.nis == pytest.approx(theirs, rel=0.02)
-    assert ours.low < 1.0 + 0.1
-    assert np.isfinite(ours.likelihood)
+    fit, noise, unseen_run = truth_fit
+    replayed_run = replay(unseen_run, noise.updated(fit.vehicle_file))
+    nis_of_replay = compare(replayed_run, names=["x"]).rows()[0]["nis"]
+    judged_noise = compare_noise(fit, {"truth": noise}, unseen_run).tried[0]
+    assert judged_noise.nis == pytest.approx(nis_of_replay, rel=0.02)
+    assert judged_noise.low < 1.0 + 0.1
+    assert np.isfinite(judged_noise.likelihood)
 
 
-def test_seen_runs_are_refused(known):
-    fit, noise, _ = known
+def test_seen_runs_are_refused(truth_fit):
+    fit, noise, _ = truth_fit
     with pytest.raises(UsageError, check=of_code("noise.fitted-to", run="run 1")):
         compare_noise(fit, {"truth": noise}, simulate(fit.file, np.zeros((50, 3)), 0, name="run 1"))
 
 
-def test_nothing_to_compare_is_refused(known):
-    fit, _, unseen = known
+def test_nothing_to_compare_is_refused(truth_fit):
+    fit, _, unseen_run = truth_fit
     with pytest.raises(UsageError, check=of_code("noise.nothing-to-compare")):
-        compare_noise(fit, {}, unseen)
+        compare_noise(fit, {}, unseen_run)

@@ -37,10 +37,10 @@ def file():
     )
 
 
-def driven(signals):
+def drive_signals(signals):
     """The logs of one robot, run by run, under the voltages (N, 3) of each name; all begin at rest."""
     ticks = max(map(len, signals.values()))
-    u = np.stack([np.pad(one, ((0, ticks - len(one)), (0, 0))) for one in signals.values()], axis=1)
+    u = np.stack([np.pad(signal, ((0, ticks - len(signal)), (0, 0))) for signal in signals.values()], axis=1)
     world = TruthWorld(draw_robots(1, 3).some([0] * len(signals)), range(len(signals)))
     z = np.array([world.tick(row / VOLTS, 1.0 / RATE_HZ) for row in u])
     t_ns = np.round(np.arange(1, ticks + 1) * 1e9 / RATE_HZ).astype(np.int64)
@@ -65,7 +65,7 @@ def logs():
     signals = {f"{kind} {sign:+d}": short(kind, sign) for kind in ("ramp", "step") for sign in (1, -1)}
     signals["coasting"] = np.where(np.arange(len(signals["step +1"]))[:, None] < 400, signals["step +1"], 0.0)
     steps = random_steps([0.0, 0.0, 8.0], 10.0, RATE_HZ, 1, hold_s=0.7)
-    return driven({**signals, "random steps": np.concatenate([np.zeros((100, 3)), steps])})
+    return drive_signals({**signals, "random steps": np.concatenate([np.zeros((100, 3)), steps])})
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +75,9 @@ def fit(file, logs):
 
 
 def test_one_short_run_cannot_tell(fit, logs):
-    found = validate(fit, logs["step -1"])
-    assert found.verdict == "CANNOT TELL"
-    few = found.reasons[0]
+    validation = validate(fit, logs["step -1"])
+    assert validation.verdict == "CANNOT TELL"
+    few = validation.reasons[0]
     assert (few.code, few.subject) == ("validation.too-few", "u_psi")
     assert (few.figures["pieces"], few.figures["least"]) == (1.0, 5)
 
@@ -89,10 +89,10 @@ def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):
 
 
 def test_enough_motion_is_judged(fit, logs):
-    found = validate(fit, logs["random steps"])
-    assert found.verdict != "CANNOT TELL"
-    assert found.basis.figures["span_s"] == "10.5"
-    assert found.sentence.endswith(text(found.basis))
+    validation = validate(fit, logs["random steps"])
+    assert validation.verdict != "CANNOT TELL"
+    assert validation.basis.figures["span_s"] == "10.5"
+    assert validation.sentence.endswith(text(validation.basis))
 
 
 def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not_explained_either(file, logs):
@@ -106,10 +106,13 @@ def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not
         ["model.friction.linear[0]"],
         options=FitOptions(diagnose=False),
     )
-    found = validate(replace(fit, verdict="USABLE"), logs["step -1"])
-    assert found.verdict == "REFUSED"
-    assert (found.reasons[0].code, found.reasons[0].subject) == ("validation.worse-than-mean", "imu[2]")
-    assert found.reasons[0].figures["explained"] < 0.0
+    validation = validate(replace(fit, verdict="USABLE"), logs["step -1"])
+    assert validation.verdict == "REFUSED"
+    assert (validation.reasons[0].code, validation.reasons[0].subject) == (
+        "validation.worse-than-mean",
+        "imu[2]",
+    )
+    assert validation.reasons[0].figures["explained"] < 0.0
 
 
 def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):

@@ -23,14 +23,14 @@ def logs():
     behind = plain.changed(imu=plain.imu.changed(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
     chip = behind.changed(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
     file = robot_file(plain)
-    asked = excitation(
+    requested = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
-    sent = as_sent(asked)
-    each = np.stack([sent] * 3, axis=1)
-    shown = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent), file.rate_hz))
-    kinds = {"counts": (0, sent), "asked": (0, asked), "filtered": (1, sent), "chip": (2, sent)}
-    runs = {name: recorded(shown, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
+    sent_u = as_sent(requested)
+    each = np.stack([sent_u] * 3, axis=1)
+    motion = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent_u), file.rate_hz))
+    kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}
+    runs = {name: recorded(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs
 
 
@@ -43,8 +43,8 @@ def test_a_low_pass_that_the_file_does_not_tell_is_not_a_usable_fit(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, FREE)
     assert fit.verdict == "WARN"
-    assert f"--free +{LOW_PASS}" in [one.fix for one in fit.reasons]
-    assert ("delay.sum", "imu") in [(one.code, one.subject) for one in fit.notes]
+    assert f"--free +{LOW_PASS}" in [reason.fix for reason in fit.reasons]
+    assert ("delay.sum", "imu") in [(note.code, note.subject) for note in fit.notes]
     assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # it took the filter for a delay
     assert off(fit, q, DELAY) < 4.0  # and the error bar knows
 
@@ -52,7 +52,7 @@ def test_a_low_pass_that_the_file_does_not_tell_is_not_a_usable_fit(logs):
 def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file.with_values({LOW_PASS: HZ}), FREE)
-    assert not {"residual.missing-free", "delay.sum"} & {one.code for one in fit.findings}
+    assert not {"residual.missing-free", "delay.sum"} & {finding.code for finding in fit.findings}
     assert off(fit, q, DELAY) < 3.0
     assert off(fit, q, LAG) < 3.0
 
@@ -72,12 +72,12 @@ def test_the_setting_of_the_chip_tells_its_filter_and_the_delay_of_it(logs):
 def test_tilt_and_bias_are_a_sum_unless_a_fit_is_asked_to_tell_them_apart(logs):
     _, file, runs = logs
     few = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
-    one, both = (
+    single, both = (
         identify(runs["counts"], file, free, options=FitOptions(diagnose=False))
         for free in (few, [*few, "sensors.imu.tilt_rad"])
     )
-    assert ("bias.tilt-sum", "imu") in [(said.code, said.subject) for said in one.notes]
-    assert "bias.tilt-sum" not in [said.code for said in both.findings]
+    assert ("bias.tilt-sum", "imu") in [(note.code, note.subject) for note in single.notes]
+    assert "bias.tilt-sum" not in [finding.code for finding in both.findings]
 
 
 def test_a_low_pass_can_be_fitted(logs):
@@ -91,7 +91,7 @@ def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
     q, file, runs = logs
     fit = identify(runs["asked"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
-    assert [one.figures["steps"] for one in fit.notes if one.code == "fit.duty-step"] == [255]
+    assert [note.figures["steps"] for note in fit.notes if note.code == "fit.duty-step"] == [255]
     assert off(fit, q, DELAY) < 4.0
 
 

@@ -29,7 +29,7 @@ def steps(rng, low, high, hold_s, seconds, rate_hz):
     return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(seconds * rate_hz)]
 
 
-def driven(seed, seconds=60.0, changes=None):
+def drive_seed(seed, seconds=60.0, changes=None):
     """A car whose IMU is shaken the more, the faster it drives; only its IMU is recorded."""
     file, rng = load("car").with_values({"model.quadratic_drag": 0.0}), np.random.default_rng(seed)
     u = np.c_[steps(rng, 0.1, 0.55, 2.0, seconds, 50.0), steps(rng, -0.8, 0.8, 1.2, seconds, 50.0)]
@@ -44,7 +44,7 @@ def driven(seed, seconds=60.0, changes=None):
 @pytest.fixture(scope="module")
 def fitted():
     """One car, and what was found of it."""
-    file, run = driven(3)
+    file, run = drive_seed(3)
     return file, run, fit_imu_only(run, file, LONGITUDINAL + YAW)
 
 
@@ -58,8 +58,8 @@ def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
 
 def test_what_no_imu_can_know_is_reported(fitted):
     _, _, fit = fitted
-    assert "identifiability.gyro-scale" in [one.code for one in fit.never]
-    assert "fit.envelope" in [one.code for one in fit.notes]
+    assert "identifiability.gyro-scale" in [reason.code for reason in fit.never]
+    assert "fit.envelope" in [note.code for note in fit.notes]
 
 
 def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted):
@@ -68,12 +68,12 @@ def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted)
     wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
     part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / of_tolerance(0.1)
-    moved = []
+    changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
-        other = file.with_values({"sensors.imu.gyro_scale": scale})
-        moved.append(fit_imu_only(run, other, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
-    slope = np.abs(moved[0] - moved[1]) / 0.04
+        scaled_file = file.with_values({"sensors.imu.gyro_scale": scale})
+        changes_by_scale.append(fit_imu_only(run, scaled_file, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
+    slope = np.abs(changes_by_scale[0] - changes_by_scale[1]) / 0.04
     gain = fit.names.index("model.steering_gain")
     assert part[gain] == pytest.approx(slope[gain], rel=0.2)
     assert np.all(np.abs(part - slope) < 0.2 * slope + 2.0 * exact.sd)
@@ -85,9 +85,9 @@ def test_a_measured_scale_is_believed_before_a_data_sheet():
     file = load("car")
     np.testing.assert_allclose(scales_of(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
     path = "sensors.imu.gyro_scale"
-    known = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
-    assert scales_of(known, "imu")[2] == pytest.approx(0.005 / 1.035)
-    assert scales_of(known, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
+    measured_file = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
+    assert scales_of(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
+    assert scales_of(measured_file, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
     with pytest.raises(UsageError, check=of_code("tolerance.keys", keys="accel, gyro")):
         scales_of(file, "imu", {"compass": 0.1})
 
@@ -98,7 +98,7 @@ def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
     file, run, _ = fitted
     path, origin = "sensors.imu.gyro_bias", Provenance("rest", None, 0.02, "USABLE")
     at = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
-    known, higher, lower = (
+    narrow, higher, lower = (
         fit_imu_only(
             run,
             file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
@@ -110,10 +110,10 @@ def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
     wide = fit_imu_only(
         run, file.with_values({path: at[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
     )
-    part = np.sqrt(np.maximum(wide.sd**2 - known.sd**2, 0.0))
+    part = np.sqrt(np.maximum(wide.sd**2 - narrow.sd**2, 0.0))
     slope = 0.02 * np.abs(higher.estimate - lower.estimate) / 0.01
-    offset = known.names.index("model.steering_offset_rad")
-    assert part[offset] > 3.0 * known.sd[offset]
+    offset = narrow.names.index("model.steering_offset_rad")
+    assert part[offset] > 3.0 * narrow.sd[offset]
     assert part[offset] == pytest.approx(slope[offset], rel=0.1)
 
 
@@ -122,16 +122,16 @@ def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
 
     file, path = load("car"), "sensors.imu.gyro_bias"
     assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # a data sheet's
-    known = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
-    assert zero_of(known, "imu") == pytest.approx(0.001)
+    measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
+    assert zero_of(measured_file, "imu") == pytest.approx(0.001)
 
 
 def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
-    file, run = driven(5, 30.0)
+    file, run = drive_seed(5, 30.0)
     free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
     first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
-    again = fit_imu_only(run, first.vehicle_file, free)
-    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+    second = fit_imu_only(run, first.vehicle_file, free)
+    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
     assert first.value("model.drivetrain.delay_s") == pytest.approx(
         0.08, abs=3.0 * first.sd[first.names.index(free[-1])]
     )
@@ -142,9 +142,9 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     inside = fit.envelope
     assert inside.flags(run) == ()
     faster = replace(run, applied=run.applied * np.array([1.4, 1.0]))
-    said = inside.flags(faster)
-    assert len(said) == 1
-    assert (said[0].code, said[0].subject) == ("envelope.left", "throttle")
+    flags = inside.flags(faster)
+    assert len(flags) == 1
+    assert (flags[0].code, flags[0].subject) == ("envelope.left", "throttle")
     with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
         inside.flags(replace(run, applied=run.applied[:, :1]))
     with pytest.raises(UsageError, check=of_code("runs.no-command")):
@@ -164,8 +164,8 @@ def test_what_cannot_be_fitted_by_an_imu_is_reported_so(fitted):
 
 def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
     file, run, fit = fitted
-    again = identify(run, file, LONGITUDINAL + YAW)
-    np.testing.assert_allclose(again.estimate, fit.estimate, rtol=1e-9)
+    by_default = identify(run, file, LONGITUDINAL + YAW)
+    np.testing.assert_allclose(by_default.estimate, fit.estimate, rtol=1e-9)
     assert imu_is_all(file, [run], None, None)
     assert imu_is_all(file, [run], ("imu",), LONGITUDINAL)
     assert not imu_is_all(file, [run], ("imu[2]",), None)
@@ -175,10 +175,10 @@ def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
 
 
 def test_what_is_asked_for_beside_the_rest_takes_nothing_away():
-    file, run = driven(3, 20.0)
-    plain, beside = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
+    file, run = drive_seed(3, 20.0)
+    plain, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
     assert "model.drivetrain.delay_s" in plain.names
-    assert set(beside.names) == {*plain.names, "model.motor_drag"}
+    assert set(with_drag.names) == {*plain.names, "model.motor_drag"}
 
 
 def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
@@ -195,14 +195,14 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
 
 
 def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
-    class Asked(Exception):
+    class SolverCall(Exception):
         pass
 
-    def solver(*args, **how):
-        raise Asked
+    def solver(*args, **options):
+        raise SolverCall
 
     file, run, _ = fitted
-    with pytest.raises(Asked):
+    with pytest.raises(SolverCall):
         identify(run, file, use=("imu",), solver=solver)
 
 
@@ -226,9 +226,9 @@ def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less(
     rng, n = np.random.default_rng(1), 6000
     white = rng.normal(size=(n, 2))
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
-    left = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
+    residuals = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
     has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
-    sigma, profile = profile_of_slow(left, has, v, dt, np.zeros(2))
+    sigma, profile = profile_of_slow(residuals, has, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
     expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over as long as they last
     assert sigma[1] == pytest.approx(expected, rel=0.15)
@@ -238,8 +238,8 @@ def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less(
 def test_noise_that_grows_with_speed_is_weighed_by_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
-    left = [(v * rng.normal(size=n))[:, None]]
-    sigma, profile = profile_of_slow(left, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
+    residuals = [(v * rng.normal(size=n))[:, None]]
+    sigma, profile = profile_of_slow(residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
@@ -250,14 +250,18 @@ def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_larges
     root = rng.normal(size=(4, 4))
     A = root @ root.T + 4.0 * np.eye(4)
     info = Information(A, A, np.zeros((1, 4)), False, np.zeros(1), 100)
-    kept = np.array([0, 2, 3])
-    at = np.ix_(kept, kept)
+    kept_indices = np.array([0, 2, 3])
+    at = np.ix_(kept_indices, kept_indices)
     inverse = np.linalg.inv(A[at])
-    np.testing.assert_allclose(with_blocks(info, kept, inverse).meat, A, rtol=1e-10)
-    np.testing.assert_allclose(with_blocks(info, kept, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10)
-    np.testing.assert_allclose(with_blocks(info, kept, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
-    coloured = info._replace(meat=2.0 * A)
-    np.testing.assert_allclose(with_blocks(coloured, kept, inverse).meat[at], 2.0 * A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept_indices, inverse).meat, A, rtol=1e-10)
+    np.testing.assert_allclose(
+        with_blocks(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
+    )
+    np.testing.assert_allclose(with_blocks(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    coloured_info = info._replace(meat=2.0 * A)
+    np.testing.assert_allclose(
+        with_blocks(coloured_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
+    )
 
 
 def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out():
@@ -266,16 +270,18 @@ def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out(
     assert np.all(slow_part(white) == 0.0)
     for k in range(1, n):
         slow[k] = 0.98 * slow[k - 1] + np.sqrt(1.0 - 0.98**2) * rng.normal()
-    found = slow_part(0.5 * white + slow)
-    assert np.std(found - slow) < 0.6 * 0.5
-    assert abs(np.mean((found - slow) * found)) < 0.02  # what it errs by has nothing to do with it
+    slow_estimate = slow_part(0.5 * white + slow)
+    assert np.std(slow_estimate - slow) < 0.6 * 0.5
+    assert (
+        abs(np.mean((slow_estimate - slow) * slow_estimate)) < 0.02
+    )  # what it errs by has nothing to do with it
     np.testing.assert_array_equal(slow_part(white[:20]), white[:20])
 
 
 def test_the_noise_of_the_gyro_draws_neither_lever_nor_speed_towards_zero():
     off = []
     for seed in range(4):
-        file, run = driven(seed)
+        file, run = drive_seed(seed)
         fit = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
         at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
         off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.sd[at])

@@ -20,8 +20,8 @@ def fitted(bias=None):
         q = q.changed(imu=q.imu.changed(bias=np.array([[0.0, 0.0, bias]])))
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=0.0))
-    shown = driven(q, u[:, None], [103], times(len(u), file.rate_hz))
-    return identify(recorded(shown, 0, u, file, "floor", 103), file, options=FitOptions(diagnose=False))
+    motion = driven(q, u[:, None], [103], times(len(u), file.rate_hz))
+    return identify(recorded(motion, 0, u, file, "floor", 103), file, options=FitOptions(diagnose=False))
 
 
 @pytest.fixture(scope="module")
@@ -36,18 +36,18 @@ def test_the_floor_shows_the_bias_of_a_gyro_worse_than_the_file_knows_it(fit):
 
 
 def test_the_file_keeps_the_bias_that_it_knows_better_and_the_fit_says_so(fit):
-    written = fit.vehicle_file
-    assert written.value(PATH) == fit.file.value(PATH)
-    assert PATH not in written.provenance
-    assert written.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
-    assert ("bias.file-knows-better", PATH) in [(one.code, one.subject) for one in fit.notes]
-    assert any(name in written.provenance for name in ("sensors.imu.accel_bias", "model.friction.linear"))
+    fitted_file = fit.vehicle_file
+    assert fitted_file.value(PATH) == fit.file.value(PATH)
+    assert PATH not in fitted_file.provenance
+    assert fitted_file.sensors.imu.gyro_bias_std == fit.file.sensors.imu.gyro_bias_std
+    assert ("bias.file-knows-better", PATH) in [(note.code, note.subject) for note in fit.notes]
+    assert any(name in fitted_file.provenance for name in ("sensors.imu.accel_bias", "model.friction.linear"))
 
 
 def test_a_bias_that_contradicts_the_file_is_written_with_how_well_it_is_known():
     fit = fitted(bias=0.35)
     k = fit.own_names.index(PATH)
-    written = fit.vehicle_file
-    assert written.value(PATH) == pytest.approx(fit.own[0, k], rel=1e-4)
-    assert written.sensors.imu.gyro_bias_std == pytest.approx(fit.own_sd[0, k], rel=1e-2)
-    assert ("bias.contradicts-file", PATH) in [(one.code, one.subject) for one in fit.notes]
+    fitted_file = fit.vehicle_file
+    assert fitted_file.value(PATH) == pytest.approx(fit.own[0, k], rel=1e-4)
+    assert fitted_file.sensors.imu.gyro_bias_std == pytest.approx(fit.own_sd[0, k], rel=1e-2)
+    assert ("bias.contradicts-file", PATH) in [(note.code, note.subject) for note in fit.notes]

@@ -58,8 +58,8 @@ def by_hand(run, seed):
     """What a tape says at the end, good to a centimetre and two degrees."""
     rng = np.random.default_rng(seed)
     x, y, psi = run.truth.eta[-1]
-    far, turned = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
-    return f"end: {100.0 * far:.1f} cm, {turned:.1f} deg"
+    far, turn_deg = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
+    return f"end: {100.0 * far:.1f} cm, {turn_deg:.1f} deg"
 
 
 def steps(file, seconds, seed):
@@ -83,8 +83,8 @@ def of_car(seconds, seed):
 
 
 def off(truth, fit):
-    told = {n: (x - truth.value(n)) / sd for n, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)}
-    return max(map(abs, told.values())), told
+    errors = {n: (x - truth.value(n)) / sd for n, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)}
+    return max(map(abs, errors.values())), errors
 
 
 def test_a_camera_tells_wheels_gyro_and_its_own_clock():
@@ -103,8 +103,8 @@ def test_a_camera_tells_wheels_gyro_and_its_own_clock():
             options=FitOptions(clocks=("truth",)),
         )
         assert fit.verdict == "USABLE", fit.reasons
-        worst, told = off(truth, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(truth, fit)
+        assert worst < SIGMAS, errors
         clock = fit.own_names.index("clock.truth")
         assert abs(fit.own[0, clock] - late_s) < SIGMAS * fit.own_sd[0, clock] < 0.005
 
@@ -121,11 +121,11 @@ def with_mark_at(run, ahead, left, turned_rad):
 @pytest.mark.parametrize("turned_rad", [0.05, np.nan])
 def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad):
     small, mount = load("small"), {"lever_arm_m[0]": 0.06, "lever_arm_m[1]": -0.03, "heading_rad": turned_rad}
-    named = [f"sensors.truth.{key}" for key, value in mount.items() if np.isfinite(value)]
+    names = [f"sensors.truth.{key}" for key, value in mount.items() if np.isfinite(value)]
     run = with_mark_at(
         seen_by_camera(simulate(small, steps(small, 20.0, 1), 1), 1, 0.04), 0.06, -0.03, turned_rad
     )
-    fit = identify(run, small, [*USUAL, *named], use=("imu", "truth"), options=FitOptions(clocks=("truth",)))
+    fit = identify(run, small, [*USUAL, *names], use=("imu", "truth"), options=FitOptions(clocks=("truth",)))
     assert fit.verdict == "USABLE", fit.reasons
     for key, value in mount.items():
         if np.isfinite(value):
@@ -138,9 +138,11 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
     }
     assert "truth" not in fit.vehicle_file.text
     assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
-    other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
-    judged = validate(fit, replace(other, name="unseen"))
-    assert judged.verdict == "USABLE", judged.reasons
+    moved_run = with_mark_at(
+        seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad
+    )
+    validation = validate(fit, replace(moved_run, name="unseen"))
+    assert validation.verdict == "USABLE", validation.reasons
 
 
 def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
@@ -150,9 +152,9 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
     nu[:, :2] += (
         np.column_stack([0.03 * w, 0.06 * w]) + np.random.default_rng(0).normal(size=(len(w), 2)) * 0.01
     )
-    seen = replace(run, truth=run.truth._replace(nu=nu))
+    with_velocity = replace(run, truth=run.truth._replace(nu=nu))
     fit = identify(
-        seen,
+        with_velocity,
         small,
         [*USUAL, "sensors.truth.lever_arm_m"],
         use=("imu", "truth"),
@@ -186,8 +188,8 @@ def test_wheels_without_a_camera_are_reported_by_the_imu():
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12"])
     for seed in (1, 2):
         fit = identify(simulate(truth, steps(truth, 20.0, seed), seed), begin, [*USUAL, RADII, TRACK])
-        worst, told = off(truth, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(truth, fit)
+        assert worst < SIGMAS, errors
 
 
 def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do():
@@ -197,7 +199,7 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     )
     assert np.isnan(fit.estimate[fit.names.index(GYRO)])
     assert fit.verdict == "WARN"
-    (scale,) = (one for one in fit.unobservable if one.code == "identifiability.scale")
+    (scale,) = (reason for reason in fit.unobservable if reason.code == "identifiability.scale")
     assert scale.subject == GYRO
     assert "turn it twice on its mark" in text(scale)
 
@@ -211,8 +213,8 @@ def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
         fit = identify(
             run, begin, [*OF_CAR, GYRO], use=("imu",), options=FitOptions(measured=[by_hand(run, seed)])
         )
-        worst, told = off(car, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(car, fit)
+        assert worst < SIGMAS, errors
         assert fit.sd[fit.names.index(GYRO)] < 0.01
 
 
@@ -229,8 +231,8 @@ def test_a_tape_is_believed_as_far_as_the_floor_lets_a_simulation_be():
             use=("imu",),
             options=FitOptions(measured=[line]),
         )
-        worst, told = off(car, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(car, fit)
+        assert worst < SIGMAS, errors
         _, (length, angle) = read(line, [run])
         assert 0.05 < drift(car.vehicle, run, length) < 1.0
         assert 0.5 < np.degrees(drift(car.vehicle, run, angle)) < 5.0
@@ -245,8 +247,8 @@ def test_a_camera_tells_gyro_and_odometer_of_a_car():
     for seed in (1, 2):
         run = seen_by_camera(simulate(car, of_car(60.0, seed), seed), seed)
         fit = identify(run, override(car, wrong), free, use=("imu", "odometer", "truth"))
-        worst, told = off(car, fit)
-        assert worst < SIGMAS, told
+        worst, errors = off(car, fit)
+        assert worst < SIGMAS, errors
 
 
 def test_a_mark_that_is_passed_lap_by_lap_sharpens_speed_and_gyro():
@@ -257,8 +259,8 @@ def test_a_mark_that_is_passed_lap_by_lap_sharpens_speed_and_gyro():
         assert len(run.sensors["mark"].z) > 5
         with_mark = identify(run, begin, [*USUAL, GYRO])
         without = identify(run, begin, [*USUAL, GYRO], use=("imu",))
-        worst, told = off(truth, with_mark)
-        assert worst < SIGMAS, told
+        worst, errors = off(truth, with_mark)
+        assert worst < SIGMAS, errors
         k = with_mark.names.index(GYRO)
         assert not with_mark.sd[k] > 0.5 * without.sd[k], "NaN: not known at all without the mark"
 
@@ -283,17 +285,17 @@ class Ten:
     ],
 )
 def test_what_a_hand_wrote_is_read(line, kind, z, sd):
-    run, (told,) = read(line, [Ten("monday")])
-    assert (run, told.kind, told.t_ns) == (0, kind, 5 + 4_000_000_000)
-    assert told.z == pytest.approx(z, abs=1e-12)
-    assert told.sd == pytest.approx(sd)
+    run, (place,) = read(line, [Ten("monday")])
+    assert (run, place.kind, place.t_ns) == (0, kind, 5 + 4_000_000_000)
+    assert place.z == pytest.approx(z, abs=1e-12)
+    assert place.sd == pytest.approx(sd)
 
 
 def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
-    _, told = read("end: 1.5 m, -90 °", [Ten("a")])
-    assert [one.kind for one in told] == ["tape", "turned"]
-    assert told[0].t_ns == 5 + 10_000_000_000
-    assert told[1].z == pytest.approx([0.0, -1.0], abs=1e-12)
+    _, places = read("end: 1.5 m, -90 °", [Ten("a")])
+    assert [place.kind for place in places] == ["tape", "turned"]
+    assert places[0].t_ns == 5 + 10_000_000_000
+    assert places[1].z == pytest.approx([0.0, -1.0], abs=1e-12)
 
 
 @pytest.mark.parametrize(

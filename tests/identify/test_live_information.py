@@ -11,21 +11,21 @@ from baqueano.vehicle_file import load
 EXACT = 1e-9  # relative
 
 
-def driven(name, seconds=6.0):
+def drive_named(name, seconds=6.0):
     file = load(name)
     return file, excitation("random_steps", file.command.limit, seconds, file.rate_hz, seed=3)
 
 
-def relative(found, expected):
+def relative(estimate, expected):
     """Return the largest difference in parts of the entry's own scale, √(F_ii F_jj)."""
     own = np.sqrt(np.diagonal(expected))
     own = np.where(own > 0.0, own, 1.0)
-    return np.max(np.abs(found - expected) / np.outer(own, own))
+    return np.max(np.abs(estimate - expected) / np.outer(own, own))
 
 
 @pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
 def test_the_sum_of_the_windows_is_the_batch_matrix(name):
-    file, u = driven(name)
+    file, u = drive_named(name)
     informant = Informant(file)
     live = RecursiveInformation(informant)
     theta = informant.nominal.copy()
@@ -36,7 +36,7 @@ def test_the_sum_of_the_windows_is_the_batch_matrix(name):
 
 
 def test_ticks_may_come_in_any_portions():
-    file, u = driven("small", 2.0)
+    file, u = drive_named("small", 2.0)
     live = RecursiveInformation(Informant(file))
     state, at = live.begin(), 0
     for count in (1, 7, WINDOW, 33, len(u)):
@@ -45,13 +45,13 @@ def test_ticks_may_come_in_any_portions():
 
 
 def test_without_a_compiler_it_is_the_same():
-    file, u = driven("small", 0.5)
+    file, u = drive_named("small", 0.5)
     quick, slow = (RecursiveInformation(Informant(file, backend)) for backend in ("auto", "python"))
     assert relative(slow.add(slow.begin(), u).F, quick.add(quick.begin(), u).F) < EXACT
 
 
 def test_what_was_not_measured_adds_nothing():
-    file, u = driven("small", 2.0)
+    file, u = drive_named("small", 2.0)
     live = RecursiveInformation(Informant(file))
     none = live.add(live.begin(), u, np.zeros((len(u), 3)))
     assert not none.F.any()
@@ -62,7 +62,7 @@ def test_what_was_not_measured_adds_nothing():
 
 
 def test_errors_shrink_and_bits_grow_tick_by_tick():
-    file, u = driven("small", 3.0)
+    file, u = drive_named("small", 3.0)
     live = RecursiveInformation(Informant(file))
     state, before = live.begin(), np.ones(live.of.interest)
     np.testing.assert_allclose(live.relative_sd(state), before)

@@ -45,7 +45,7 @@ def test_the_papers_printed_kind_of_matrix_is_lifted_and_reported():
     notes = []
     Q = valid(bad, np.full(3, 1e-8), "Q", notes)
     np.linalg.cholesky(Q)
-    assert [(one.code, one.subject) for one in notes] == [
+    assert [(note.code, note.subject) for note in notes] == [
         ("noise.lifted", "Q"),
         ("noise.correlations-reduced", "Q"),
     ]
@@ -64,38 +64,38 @@ def small(small):
 
 
 @pytest.fixture(scope="module")
-def rested(small):
+def noise_at_rest(small):
     u = excitation("random_steps", small.command.limit, 60.0, 100.0, 4, rest_s=4.0)
     run = simulate(small, u, 4)
     return run, identify(run, small)
 
 
-def test_measurement_noise_is_that_of_the_sensor_in_motion_and_at_rest(rested):
-    noise = measure_noise(rested[1], rested[0])
+def test_measurement_noise_is_that_of_the_sensor_in_motion_and_at_rest(noise_at_rest):
+    noise = measure_noise(noise_at_rest[1], noise_at_rest[0])
     sd = np.sqrt(np.diagonal(noise.in_motion["imu"]))
     np.testing.assert_allclose(sd, [0.1, 0.1, 0.004], rtol=0.08)  # the floor's noise adds a little
-    still = noise.at_rest["imu"]
-    np.testing.assert_allclose(np.sqrt(np.diagonal(still)), [0.1, 0.1, 0.004], rtol=0.2)
+    resting = noise.at_rest["imu"]
+    np.testing.assert_allclose(np.sqrt(np.diagonal(resting)), [0.1, 0.1, 0.004], rtol=0.2)
 
 
-def test_process_noise_from_the_truth_is_what_the_simulation_added(rested, small):
-    noise = measure_noise(rested[1], rested[0], source="truth")
+def test_process_noise_from_the_truth_is_what_the_simulation_added(noise_at_rest, small):
+    noise = measure_noise(noise_at_rest[1], noise_at_rest[0], source="truth")
     kick = small.vehicle.process_noise_std * np.sqrt(0.01)
     ratio = np.sqrt(np.diagonal(noise.process))[[0, 2]] / kick[[0, 2]]
     assert np.all((ratio > 0.9) & (ratio < 1.4))  # the errors of the parameters come on top
     assert noise.source == "truth"
 
 
-def test_process_noise_from_innovations_is_of_the_size_of_the_truth(rested, small):
-    noise = measure_noise(rested[1], rested[0], source="innovations")
+def test_process_noise_from_innovations_is_of_the_size_of_the_truth(noise_at_rest, small):
+    noise = measure_noise(noise_at_rest[1], noise_at_rest[0], source="innovations")
     np.linalg.cholesky(noise.process)
     assert noise.source == "innovations"
     kick = small.vehicle.process_noise_std[2] * np.sqrt(0.01)
     assert 0.3 * kick < np.sqrt(noise.process[2, 2]) < 3.0 * kick
 
 
-def test_noise_reaches_the_vehicle_file_and_its_filter(rested, small):
-    run, fit = rested
+def test_noise_reaches_the_vehicle_file_and_its_filter(noise_at_rest, small):
+    run, fit = noise_at_rest
     noise = measure_noise(fit, run)
     file = noise.updated(fit.vehicle_file, run.name)
     assert isinstance(file.estimator(), Ekf)
@@ -145,31 +145,34 @@ def test_the_valley_is_followed_to_its_bottom():
     np.testing.assert_allclose(q, [1.0, -2.0], atol=0.25)
 
 
-def test_without_a_truth_there_is_none(rested):
-    run, fit = rested
+def test_without_a_truth_there_is_none(noise_at_rest):
+    run, fit = noise_at_rest
     with pytest.raises(UsageError, check=of_code("noise.no-truth")):
         measure_noise(fit, replace(run, truth=None), source="truth")
     with pytest.raises(UsageError, check=of_code("noise.unknown-source")):
         measure_noise(fit, run, source="guess")
 
 
-def test_channels_that_took_no_part_keep_the_noise_of_the_file(rested, small):
-    fit = identify(rested[0], small, use=["imu[2]"])
-    noise = measure_noise(fit, rested[0], source="truth")
+def test_channels_that_took_no_part_keep_the_noise_of_the_file(noise_at_rest, small):
+    fit = identify(noise_at_rest[0], small, use=["imu[2]"])
+    noise = measure_noise(fit, noise_at_rest[0], source="truth")
     np.testing.assert_allclose(noise.in_motion["imu"], small.sensors.imu.cov)
-    assert "noise.of-the-file" in [one.code for one in noise.notes]
+    assert "noise.of-the-file" in [note.code for note in noise.notes]
 
 
-def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(rested, small):
-    run, silent = rested[0], {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0}
+def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(noise_at_rest, small):
+    run, silent = (
+        noise_at_rest[0],
+        {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0},
+    )
     file = small.with_values(silent)
     noise = measure_noise(identify(run, file, use=["imu[2]"]), run, source="truth")
     np.testing.assert_allclose(np.sqrt(np.diagonal(noise.in_motion["imu"])), [0.1, 0.1, 0.004], rtol=0.25)
-    assert ("noise.of-its-rest", "imu[0]") in [(one.code, one.subject) for one in noise.notes]
+    assert ("noise.of-its-rest", "imu[0]") in [(note.code, note.subject) for note in noise.notes]
 
 
-def test_the_noise_of_a_sensor_that_nobody_fitted_is_never_none(rested, small):
-    run, rng = rested[0], np.random.default_rng(0)
+def test_the_noise_of_a_sensor_that_nobody_fitted_is_never_none(noise_at_rest, small):
+    run, rng = noise_at_rest[0], np.random.default_rng(0)
     t_ns, v = run.sensors["imu"].t_ns, rng.normal(0.0, 0.02, (len(run.sensors["imu"].t_ns), 1))
     run = replace(run, sensors={**run.sensors, "odometer": Channel(t_ns, t_ns, v + run.truth.nu[:, :1])})
     with_odometer = parse(small.text + '\n[sensors.odometer]\nkind = "odometer"\n', "small")
@@ -183,8 +186,8 @@ def test_a_channel_that_never_rests_has_the_noise_of_its_steps(small):
     run, notes = simulate(small, u, 1), []
     Q = not_fitted("imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes)
     np.testing.assert_allclose(np.sqrt(np.diagonal(Q)), [0.1, 0.1, 0.004], rtol=0.2)
-    still = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=np.zeros((len(run.t_ns), 3)))})
+    resting = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=np.zeros((len(run.t_ns), 3)))})
     Q = not_fitted(
-        "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [still], notes
+        "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [resting], notes
     )
     assert Q[0, 0] == 1.0

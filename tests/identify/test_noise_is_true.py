@@ -31,8 +31,8 @@ def measured(request):
         {"estimator.use": ["imu", "odometer"], "model.process_noise_std": [0.0, 0.0, 0.0]}
     )
     u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0))
-    shown = driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
-    run = replace(recorded(shown, 0, u, file, "floor", seed), truth=None)
+    motion = driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    run = replace(recorded(motion, 0, u, file, "floor", seed), truth=None)
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
 
 
@@ -55,22 +55,22 @@ def test_the_walk_of_each_velocity_that_is_seen_is_that_of_the_floor(measured):
 
 def test_the_table_says_what_is_written(measured):
     _, file, noise = measured
-    written = noise.updated(file).data
-    shown = {row["name"]: row["sd"] for row in noise.rows()}
+    written_data = noise.updated(file).data
+    deviations = {row["name"]: row["sd"] for row in noise.rows()}
     for name in ("imu", "odometer"):
-        for k, variance in enumerate(np.diagonal(written["sensors"][name]["measurement_noise_cov"])):
-            assert shown[f"{name}[{k}]"] == pytest.approx(np.sqrt(variance))
+        for k, variance in enumerate(np.diagonal(written_data["sensors"][name]["measurement_noise_cov"])):
+            assert deviations[f"{name}[{k}]"] == pytest.approx(np.sqrt(variance))
     for name in ("disturbance_std", "disturbance_fade_s", "velocity_walk_std"):
-        for k, value in enumerate(written["estimator"][name]):
-            assert shown[f"{name}[{k}]"] == pytest.approx(value)
+        for k, value in enumerate(written_data["estimator"][name]):
+            assert deviations[f"{name}[{k}]"] == pytest.approx(value)
 
 
 def test_two_noises_that_trade_places_are_distinguished():
     """A ridge along which no step of one of them alone improves."""
-    found = valley(
+    estimate = valley(
         lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
-    np.testing.assert_allclose(found, [3.0, -3.0], atol=0.2)
+    np.testing.assert_allclose(estimate, [3.0, -3.0], atol=0.2)
 
 
 @pytest.mark.parametrize(("rest", "least"), [(1e-6, 1e-6), (1e-2, None)])

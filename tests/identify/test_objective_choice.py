@@ -22,38 +22,38 @@ def likely(ratio, autocorrelated=False, floor=(0.04, 0.0)):
     return MaximumLikelihood(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
 
 
-def both(*apart, more=-1.0, scatter=1.0, n=31):
+def both(*shifts, more=-1.0, scatter=1.0, n=31):
     """Answers so many errors apart, and n blocks in which that by the innovations costs `more` on average."""
     blocks = more + scatter * np.linspace(-1.0, 1.0, n)
-    return LeftOutBlocks(blocks, 1000.0, np.array(apart), [f"model.mass_kg{k}" for k in range(len(apart))])
+    return LeftOutBlocks(blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))])
 
 
 def test_over_a_still_floor_the_simulation_is_believed():
-    said = choose_objective(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
-    assert (said.cost, said.explains, said.contradicted) == ("simulation", False, False)
-    assert said.why.code == "cost.floor-still"
-    assert (said.why.figures["ratio"], said.why.figures["chance"]) == (3.0, "0.22")
+    choice = choose_objective(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
+    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
+    assert choice.why.code == "cost.floor-still"
+    assert (choice.why.figures["ratio"], choice.why.figures["chance"]) == (3.0, "0.22")
 
 
 def test_one_answer_with_the_smaller_error_where_it_was_left_out_is_believed_and_the_floor_has_its_error():
-    said = choose_objective(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
-    assert (said.cost, said.explains, said.contradicted) == ("innovations", True, False)
-    told = said.why.figures
-    assert (told["floor"], told["chance"], told["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
-    assert told["open_loop"].code == "cost.smaller"
-    assert told["open_loop"].figures["percent"] == pytest.approx(3.1)
+    choice = choose_objective(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
+    assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
+    figures = choice.why.figures
+    assert (figures["floor"], figures["chance"], figures["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
+    assert figures["open_loop"].code == "cost.smaller"
+    assert figures["open_loop"].figures["percent"] == pytest.approx(3.1)
 
 
 def test_an_error_that_is_larger_by_chance_gains_nothing_and_contradicts_nothing():
-    said = choose_objective(likely(400.0), (0, 2), both(0.1, more=0.05), QUIET)
-    assert (said.cost, said.explains, said.contradicted) == ("simulation", True, False)
+    choice = choose_objective(likely(400.0), (0, 2), both(0.1, more=0.05), QUIET)
+    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", True, False)
 
 
-@pytest.mark.parametrize("found", [both(0.1, more=1.0), both(0.1, 5.0), both(0.1, more=np.nan)])
-def test_a_larger_error_and_two_answers_are_what_the_model_lacks(found):
-    said = choose_objective(likely(400.0), (0, 2), found, QUIET)
-    assert (said.cost, said.explains, said.contradicted) == ("simulation", False, True)
-    assert said.why.code == "cost.neither"
+@pytest.mark.parametrize("floor", [both(0.1, more=1.0), both(0.1, 5.0), both(0.1, more=np.nan)])
+def test_a_larger_error_and_two_answers_are_what_the_model_lacks(floor):
+    choice = choose_objective(likely(400.0), (0, 2), floor, QUIET)
+    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)
+    assert choice.why.code == "cost.neither"
 
 
 def test_no_floor_explains_innovations_that_are_coloured_or_a_sensor_far_above_its_noise():
@@ -62,8 +62,8 @@ def test_no_floor_explains_innovations_that_are_coloured_or_a_sensor_far_above_i
 
 
 def test_of_a_run_too_short_to_leave_segments_out_the_simulation_is_believed():
-    said = choose_objective(likely(400.0), (0, 2), None, QUIET)
-    assert (said.cost, said.explains, said.contradicted) == ("simulation", False, False)
+    choice = choose_objective(likely(400.0), (0, 2), None, QUIET)
+    assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
 
 
 def test_the_more_parameters_the_further_apart_two_answers_may_be_by_chance():

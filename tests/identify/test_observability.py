@@ -10,7 +10,7 @@ from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
 
-def unseen(fit):
+def unseen_names(fit):
     return {row["name"].removeprefix("model.") for row in fit.rows() if row["observable"] == "no"}
 
 
@@ -18,26 +18,26 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fit = identify(simulate(case, u, 0), case)
     turning = {"friction.linear[2]", "friction.quadratic[2]"}
-    assert turning <= unseen(fit)
-    assert "friction.linear[0]" not in unseen(fit)
+    assert turning <= unseen_names(fit)
+    assert "friction.linear[0]" not in unseen_names(fit)
     assert np.max(np.abs(off(fit, case))) < 4.5
-    told = {one.subject: one for one in fit.unobservable}
-    held = told["model.friction.linear[2]"]
-    assert (held.code, held.figures["at"], held.figures["needs"].code) == (
+    notes = {note.subject: note for note in fit.unobservable}
+    note = notes["model.friction.linear[2]"]
+    assert (note.code, note.figures["at"], note.figures["needs"].code) == (
         "identifiability.not",
         500.553,
         "identifiability.needs",
     )
-    still = [one for one in fit.unobservable if one.code == "identifiability.command-still"]
-    (turns,) = (one for one in still if one.figures["command"] == "u_psi")
+    silent = [note for note in fit.unobservable if note.code == "identifiability.command-still"]
+    (turns,) = (note for note in silent if note.figures["command"] == "u_psi")
     assert "actuator_matrix[2,2]" in turns.figures["names"]
     assert fit.verdict in ("WARN", "REFUSED")
 
 
 def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
-    fixed = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
-    fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed))
+    fixed_names = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
+    fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed_names))
     assert fit.blocks.model.friction.linear[2] == 500.553
     row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
     assert row["estimate"] is None
@@ -45,7 +45,7 @@ def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(
     assert "not identifiable" in fit.table()
 
 
-def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, driven):
+def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, case_run):
     names = (
         "mass_kg",
         "friction.linear[0]",
@@ -54,8 +54,8 @@ def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, dri
         "actuator_matrix[0,0]",
     )
     free = [f"model.{name}" for name in (*names, "friction.quadratic[1]")]
-    fit = identify(driven(0, 20.0), case, free, options=FitOptions(start={"model.mass_kg": 1.6}))
-    assert unseen(fit) == {"mass_kg"}
+    fit = identify(case_run(0, 20.0), case, free, options=FitOptions(start={"model.mass_kg": 1.6}))
+    assert unseen_names(fit) == {"mass_kg"}
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
     (collinear,) = fit.unobservable
@@ -68,13 +68,13 @@ def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
     u[0, 0] = 1e-6
     fit = identify(simulate(case, u, 0), case)
     assert fit.verdict == "REFUSED"
-    assert "fit.explains-nothing" in [one.code for one in fit.reasons]
+    assert "fit.explains-nothing" in [reason.code for reason in fit.reasons]
     assert fit.vehicle_file is case  # nothing of it reaches the file
     assert len(fit.channels) == 3  # what was measured is shown all the same
 
 
-def test_inverted_gyro_is_refused_or_doubted(case, driven):
-    run = driven(0, 20.0)
+def test_inverted_gyro_is_refused_or_doubted(case, case_run):
+    run = case_run(0, 20.0)
     z = run.sensors["imu"].z * [1.0, 1.0, -1.0]
     fit = identify(replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)}), case)
     assert fit.verdict != "USABLE"
@@ -97,20 +97,20 @@ def test_a_weak_parameter_is_kept_and_called_weak(case):
     u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     weak = [name for name, w in zip(fit.names, fit.weak, strict=True) if w]
-    assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen(fit))}
+    assert "model.friction.quadratic[1]" in {*weak, *(f"model.{n}" for n in unseen_names(fit))}
     assert fit.verdict == "WARN"
 
 
 def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_tell(case):
     fit = identify(simulate(case, excitation("multisine", case.command.limit, 30.0, 100.0, 1), 1), case)
     assert fit.verdict == "WARN"
-    told = {one.subject: one for one in fit.reasons}
-    near = told["model.friction.quadratic[1]"]
+    reasons = {reason.subject: reason for reason in fit.reasons}
+    near = reasons["model.friction.quadratic[1]"]
     assert near.code == "identifiability.weakly-beside"
     assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
     motion = "sliding sideways both a little and fast, as in turns of many speeds"
     assert near.figures["needs"].figures["motion"].startswith(motion)
-    weak = told["model.actuator_matrix[1,2]"]
+    weak = reasons["model.actuator_matrix[1,2]"]
     assert (weak.code, weak.figures["why"].code) == (
         "identifiability.weakly",
         "identifiability.hardly-sideways",
@@ -120,12 +120,12 @@ def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_t
 def test_what_never_moved_sideways_is_reported_of_what_is_held(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
-    held = {one.subject: one for one in fit.unobservable}["model.friction.linear[1]"]
-    assert (held.code, held.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
+    note = {reason.subject: reason for reason in fit.unobservable}["model.friction.linear[1]"]
+    assert (note.code, note.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
 
 
-def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, driven):
-    fit = identify(driven(0, 30.0), case)
+def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, case_run):
+    fit = identify(case_run(0, 30.0), case)
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
     assert len(fit.never) == 1
@@ -135,10 +135,12 @@ def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(
 
 def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_reported(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
-    collinear = [one for one in fit.unobservable if one.code == "identifiability.tied"]
-    named = [f"{one.subject}, {one.figures['others']}" for one in collinear]
-    assert any("drivetrain.dead_zone_forward[0]" in names for names in named)
+    collinear = [reason for reason in fit.unobservable if reason.code == "identifiability.tied"]
+    labels = [f"{reason.subject}, {reason.figures['others']}" for reason in collinear]
+    assert any("drivetrain.dead_zone_forward[0]" in names for names in labels)
     motion = "forward commands just above the dead zone of the first motor"
     assert any(
-        str(found).startswith(motion) for one in collinear for found in one.figures["apart"].figures.values()
+        str(figure).startswith(motion)
+        for reason in collinear
+        for figure in reason.figures["apart"].figures.values()
     )

@@ -26,8 +26,8 @@ def residuals(case, run, theta):
     return np.concatenate(out)
 
 
-def test_scipy_ends_at_the_same_cost_and_place(case, driven):
-    run = driven(11, 1.0)
+def test_scipy_ends_at_the_same_cost_and_place(case, case_run):
+    run = case_run(11, 1.0)
     start = {path: 2.0 * case.value(path) for path in FREE}
     fit = identify(
         run, case, FREE, options=FitOptions(start=start, biases=False, at_rest=True, sigma={"imu": SIGMA})

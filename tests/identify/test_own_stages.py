@@ -55,9 +55,9 @@ def test_the_stages_by_hand_are_the_fit(small, run):
 
 
 def test_a_solver_of_ones_own_ends_at_the_same_place(small, run, examples):
-    fit, other = (identify(run, small, FREE, **how) for how in ({}, {"solver": examples.by_scipy}))
-    assert other.converged
-    assert np.max(np.abs(other.estimate - fit.estimate) / fit.sd) < 0.02
+    fit, own_fit = (identify(run, small, FREE, **options) for options in ({}, {"solver": examples.by_scipy}))
+    assert own_fit.converged
+    assert np.max(np.abs(own_fit.estimate - fit.estimate) / fit.sd) < 0.02
 
 
 def test_a_residual_of_ones_own_bears_edges_of_tiles(small, run, examples):
@@ -66,7 +66,9 @@ def test_a_residual_of_ones_own_bears_edges_of_tiles(small, run, examples):
     for first in rng.choice(len(z) - 5, 80):
         z[first : first + 3, 0] += 4.0 * np.sign(z[first, 0])  # too long for a spike
     spoilt = replace(run, sensors={"imu": imu._replace(z=z)})
-    clean, plain = (identify(one, small, FREE, options=FitOptions(diagnose=False)) for one in (run, spoilt))
+    clean, plain = (
+        identify(recording, small, FREE, options=FitOptions(diagnose=False)) for recording in (run, spoilt)
+    )
     own = identify(spoilt, small, FREE, residuals=examples.Compressed, options=FitOptions(diagnose=False))
     far, near = (np.abs(fit.estimate / clean.estimate - 1.0).max() for fit in (plain, own))
     assert near < 0.5 * far

@@ -30,7 +30,7 @@ OMNI = {"inertia_kg_m2": 0.031, "push": 4.2, "drag": 7.0, "rollers": 0.35}
 FINE = 5  # steps of the truth in a tick
 
 
-def recorded(file, u, z):
+def run_of(file, u, z):
     """A run of the commands u (N, n) and of what the file's only sensor said (N, m) at the end of each tick."""
     t_ns = np.round(np.arange(1, len(u) + 1) * 1e9 / file.rate_hz).astype(np.int64)
     (name,) = file.sensors._fields
@@ -57,29 +57,29 @@ def omni(duties, rate_hz, rng, m=2.0, R=0.14):
     h, nu, out = 1.0 / rate_hz / FINE, np.zeros(3), []
     rims = np.array([[-np.sin(a), np.cos(a), R] for a in np.radians([60.0, 180.0, 300.0])])
 
-    def pushed(nu, u):
+    def push(nu, u):
         rim = rims @ nu
         F = OMNI["push"] * u - OMNI["drag"] * rim - OMNI["rollers"] * np.tanh(rim / 0.05)
         return (F @ rims) / [m, m, OMNI["inertia_kg_m2"]]
 
     def nu_dot(nu, u):
-        return pushed(nu, u) + np.array([nu[2] * nu[1], -nu[2] * nu[0], 0.0])
+        return push(nu, u) + np.array([nu[2] * nu[1], -nu[2] * nu[0], 0.0])
 
     for u in duties:
         for _ in range(FINE):
             nu = nu + h * nu_dot(nu + 0.5 * h * nu_dot(nu, u), u)
-        out.append([*pushed(nu, u)[:2], nu[2]])
+        out.append([*push(nu, u)[:2], nu[2]])
     return np.array(out) + rng.standard_normal((len(duties), 3)) * [0.05, 0.05, 0.005]
 
 
 def of_axis(file, seed=0, seconds=8.0, u=None):
     u = random_steps([12.0], seconds, file.rate_hz, seed) if u is None else u
-    return recorded(file, u, carriage(u[:, 0], file.rate_hz, np.random.default_rng(seed)))
+    return run_of(file, u, carriage(u[:, 0], file.rate_hz, np.random.default_rng(seed)))
 
 
 def of_omni(file, seed=0, seconds=16.0, u=None):
     u = random_steps([0.7, 0.7, 0.7], seconds, file.rate_hz, seed) if u is None else u
-    return recorded(file, u, omni(u, file.rate_hz, np.random.default_rng(seed)))
+    return run_of(file, u, omni(u, file.rate_hz, np.random.default_rng(seed)))
 
 
 CASES = {"servo_axis": (of_axis, AXIS, "2x2"), "omni_robot": (of_omni, OMNI, "3x3")}
@@ -122,13 +122,13 @@ def test_a_drive_is_designed_for_its_own_parameters(files, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "term", "others"),
+    ("name", "term", "terms"),
     [("servo_axis", "dry friction of the rail", ["dead zone forward"]),
      ("omni_robot", "dry friction of the rollers", [])],
 )  # fmt: skip
-def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term, others):
+def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term, terms):
     run = CASES[name][0](files[name], 0, 13.0)
-    assert choose(run, files[name], [term, *others]).taken == (term,)
+    assert choose(run, files[name], [term, *terms]).taken == (term,)
 
 
 def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
@@ -146,10 +146,10 @@ def test_what_a_run_does_not_show_is_reported_in_the_words_of_its_metadata(files
     assert "slow strokes that stop and turn, many times" in " ".join(texts(fit.findings))
     file, u = files["omni_robot"], random_steps([0.7], 8.0, 100.0, 0) * [1.0, 0.0, -1.0]
     fit = identify(of_omni(file, u=u), file)
-    held = texts(one for one in fit.unobservable if one.subject == "model.inertia_kg_m2")
-    assert any("turning on the spot, to and fro" in said for said in held)
+    remedies = texts(reason for reason in fit.unobservable if reason.subject == "model.inertia_kg_m2")
+    assert any("turning on the spot, to and fro" in remedy for remedy in remedies)
     fit = identify(of_omni(file), file, ["+model.mass_kg"], options=FitOptions(diagnose=False))
-    (mass,) = (one for one in fit.unobservable if one.subject == "model.mass_kg")
+    (mass,) = (reason for reason in fit.unobservable if reason.subject == "model.mass_kg")
     assert (mass.code, mass.figures["how"].code) == ("identifiability.tied", "identifiability.by-hand")
 
 
@@ -170,8 +170,8 @@ def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
     """A covariance without motion had no eigenvalues, and `identify` ended with an error."""
     file = files["servo_axis"]
     run = simulate(file, random_steps([12.0], 4.0, file.rate_hz, 0))
-    for one in (run, replace(run, truth=None)):
-        R = measure_noise(fits["servo_axis"], one).process
+    for recording in (run, replace(run, truth=None)):
+        R = measure_noise(fits["servo_axis"], recording).process
         assert np.all(np.linalg.eigvalsh(R) > 0.0)
         assert R[0, 0] > 100.0 * R[1, 1]
 

@@ -24,7 +24,7 @@ def drives(case, change, seed=0):
 
 
 @pytest.fixture(scope="module")
-def worn(case):
+def worn_history(case):
     """Rolling friction grows by a fifth between the fifth and the sixth run."""
     linear = np.asarray(case.value("model.friction.linear"))
 
@@ -34,40 +34,43 @@ def worn(case):
     return parameter_history(drives(case, change), case, free=FREE, options=FitOptions(biases=False))
 
 
-def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn):
-    (one,) = worn.moved
-    assert one.name == "model.friction.linear[0]"
-    assert one.how == "step"
-    assert one.between == ("run 4", "run 5")
-    assert (one.after - one.before) / one.before == pytest.approx(0.2, abs=0.03)
-    assert (one.message.code, one.message.subject) == ("over-time.step", "model.friction.linear[0]")
-    assert (one.message.figures["first"], one.message.figures["second"]) == ("run 4", "run 5")
-    assert worn.verdict == "WARN"
-    assert [row["name"] for row in Drift(worn).rows()] == [one.name]
+def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn_history):
+    (drift,) = worn_history.moved
+    assert drift.name == "model.friction.linear[0]"
+    assert drift.how == "step"
+    assert drift.between == ("run 4", "run 5")
+    assert (drift.after - drift.before) / drift.before == pytest.approx(0.2, abs=0.03)
+    assert (drift.message.code, drift.message.subject) == ("over-time.step", "model.friction.linear[0]")
+    assert (drift.message.figures["first"], drift.message.figures["second"]) == ("run 4", "run 5")
+    assert worn_history.verdict == "WARN"
+    assert [row["name"] for row in Drift(worn_history).rows()] == [drift.name]
 
 
-def test_following_leads_to_what_the_vehicle_is_now(worn, case):
-    now = worn.vehicle_file.value("model.friction.linear[0]")
+def test_following_leads_to_what_the_vehicle_is_now(worn_history, case):
+    now = worn_history.vehicle_file.value("model.friction.linear[0]")
     truth = 1.2 * case.value("model.friction.linear[0]")
-    assert abs(now - truth) < 4.0 * worn.followed_sd[-1, 0]
-    assert worn.followed_sd[-1, 0] <= 1.01 * worn.single_sd[-1, 0]
-    assert abs(worn.smoothed[0, 0] - case.value("model.friction.linear[0]")) < 4.0 * worn.smoothed_sd[0, 0]
+    assert abs(now - truth) < 4.0 * worn_history.followed_sd[-1, 0]
+    assert worn_history.followed_sd[-1, 0] <= 1.01 * worn_history.single_sd[-1, 0]
+    assert (
+        abs(worn_history.smoothed[0, 0] - case.value("model.friction.linear[0]"))
+        < 4.0 * worn_history.smoothed_sd[0, 0]
+    )
 
 
-def test_a_parameter_that_stays_becomes_surer_with_every_run(worn):
-    k = worn.names.index("model.actuator_matrix[0,0]")
-    assert worn.walk[k] == 0.0
-    assert worn.followed_sd[-1, k] < 0.5 * worn.single_sd[-1, k]
+def test_a_parameter_that_stays_becomes_surer_with_every_run(worn_history):
+    k = worn_history.names.index("model.actuator_matrix[0,0]")
+    assert worn_history.walk[k] == 0.0
+    assert worn_history.followed_sd[-1, k] < 0.5 * worn_history.single_sd[-1, k]
 
 
 def test_a_vehicle_that_does_not_age_is_left_in_peace(case):
     """Eight runs of nine vehicles at a false alarm in a hundred: more than one is a fault of the method."""
     alarms = 0
     for seed in range(1, 10):
-        found = parameter_history(
+        history = parameter_history(
             drives(case, lambda k: {}, seed), case, free=FREE, options=FitOptions(biases=False)
         )
-        alarms += bool(found.moved)
+        alarms += bool(history.moved)
     assert alarms <= 1
 
 
@@ -77,19 +80,19 @@ def test_slow_wear_is_a_drift(case):
     def change(k):
         return {"model.friction.linear": (linear * [1.0 + 0.05 * k, 1.0, 1.0]).tolist()}
 
-    found = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
-    (one,) = found.moved
-    assert (one.name, one.how) == ("model.friction.linear[0]", "drift")
-    assert one.between == ("run 0", "run 7")
-    assert (one.after - one.before) / one.before == pytest.approx(0.35, abs=0.05)
+    history = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
+    (drift,) = history.moved
+    assert (drift.name, drift.how) == ("model.friction.linear[0]", "drift")
+    assert drift.between == ("run 0", "run 7")
+    assert (drift.after - drift.before) / drift.before == pytest.approx(0.35, abs=0.05)
 
 
-def test_one_run_is_not_a_history(case, driven):
+def test_one_run_is_not_a_history(case, case_run):
     with pytest.raises(UsageError, check=of_code("over-time.few-runs", count=1)):
-        parameter_history([driven(0, 3.0)], case, free=FREE)
+        parameter_history([case_run(0, 3.0)], case, free=FREE)
 
 
-def test_runs_that_tell_nothing_are_named(case, driven):
-    still = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
+def test_runs_that_tell_nothing_are_named(case, case_run):
+    resting = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
     with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
-        parameter_history([driven(0, 10.0), still], case, free=FREE, options=FitOptions(biases=False))
+        parameter_history([case_run(0, 10.0), resting], case, free=FREE, options=FitOptions(biases=False))

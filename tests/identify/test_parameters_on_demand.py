@@ -51,11 +51,11 @@ def small():
     return override(load("small"), ["model.friction.coulomb=[0, 0, 0.01]"])
 
 
-def fitted(small, asked, seed, **options):
-    truth = override(small, [f"{key}={there}" for key, (there, _) in asked.items()])
-    begin = override(truth, [f"{key}={start}" for key, (_, start) in asked.items()])
+def fitted(small, values, seed, **options):
+    truth = override(small, [f"{key}={value}" for key, (value, _) in values.items()])
+    begin = override(truth, [f"{key}={start}" for key, (_, start) in values.items()])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, truth.rate_hz, seed, hold_s=0.5), seed)
-    return truth, identify(run, begin, [*USUAL, *asked], options=FitOptions(**options))
+    return truth, identify(run, begin, [*USUAL, *values], options=FitOptions(**options))
 
 
 def off(truth, fit):
@@ -66,10 +66,10 @@ def off(truth, fit):
     }
 
 
-@pytest.mark.parametrize("asked", [WHEELS, MOTORS, PLACES], ids=["wheels", "motors", "places"])
-def test_what_the_vehicle_has_is_found_from_a_file_that_has_it_not(small, asked):
+@pytest.mark.parametrize("values", [WHEELS, MOTORS, PLACES], ids=["wheels", "motors", "places"])
+def test_what_the_vehicle_has_is_found_from_a_file_that_has_it_not(small, values):
     for seed in (1, 2):
-        truth, fit = fitted(small, asked, seed)
+        truth, fit = fitted(small, values, seed)
         assert fit.converged
         assert fit.verdict == "USABLE", fit.reasons
         assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
@@ -85,10 +85,10 @@ def test_of_a_tilt_and_a_bias_it_is_reported_that_they_do_not_show(small):
     """Both are gravity, or look like it; what is left is the cosine of the tilt."""
     _, fit = fitted(small, TILT, 1)
     assert fit.verdict == "WARN"
-    known = [k for k, name in enumerate(fit.names) if "tilt" in name and np.isfinite(fit.estimate[k])]
-    assert all(fit.weak[k] for k in known)
-    assert len(known) < 2
-    assert any("a bias that is known: fix accel_bias" in one for one in texts(fit.unobservable))
+    tilts = [k for k, name in enumerate(fit.names) if "tilt" in name and np.isfinite(fit.estimate[k])]
+    assert all(fit.weak[k] for k in tilts)
+    assert len(tilts) < 2
+    assert any("a bias that is known: fix accel_bias" in line for line in texts(fit.unobservable))
 
 
 def test_a_motor_that_is_never_driven_to_its_end_has_its_limit_at_the_largest_command(small):
@@ -102,17 +102,18 @@ def test_a_motor_that_is_never_driven_to_its_end_has_its_limit_at_the_largest_co
     assert fit.estimate[limit] == pytest.approx(largest, rel=1e-6)
     assert fit.bound[limit] == 1
     assert any(
-        one.code.startswith("bound.high") and "limit[0]" in one.subject for one in (*fit.notes, *fit.reasons)
+        finding.code.startswith("bound.high") and "limit[0]" in finding.subject
+        for finding in (*fit.notes, *fit.reasons)
     )
 
 
 def test_friction_of_wheels_is_not_fitted_to_wheels_at_an_unknown_distance(small):
     from baqueano.errors import UsageError
 
-    lost = override(small, ["model.friction.track_m=0"])
+    without_track = override(small, ["model.friction.track_m=0"])
     run = simulate(small, random_steps(small.command.limit, 5.0, small.rate_hz, 1), 1)
     with pytest.raises(UsageError, check=of_code("parameter.no-track")):
-        identify(run, lost, [*USUAL, "model.friction.coulomb_forward"])
+        identify(run, without_track, [*USUAL, "model.friction.coulomb_forward"])
 
 
 CAR_USUAL = ["model.throttle_gain", "model.linear_drag", "model.steering_gain", "model.yaw_lag_s"]
@@ -125,11 +126,11 @@ CAR_WAYS = {
 @pytest.mark.parametrize("seed", [0, 1])
 def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
     car = override(load("car"), ["model.coulomb_m_s2=0"])
-    truth = override(car, [f"{key}={there}" for key, (there, _) in CAR_WAYS.items()])
+    truth = override(car, [f"{key}={value}" for key, (value, _) in CAR_WAYS.items()])
     run = simulate(truth, random_steps(truth.command.limit, 40.0, truth.rate_hz, seed, hold_s=1.0), seed)
     fit = identify(run, car, [*CAR_USUAL, *CAR_WAYS], options=FitOptions(diagnose=False))
-    found = off(truth, fit)
-    assert all(abs(found[name]) < SIGMAS for name in CAR_WAYS), found
+    errors = off(truth, fit)
+    assert all(abs(errors[name]) < SIGMAS for name in CAR_WAYS), errors
     assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
 
 
@@ -140,7 +141,7 @@ def test_no_friction_is_found_that_no_file_may_have(small):
     _, free = enable_parameters(
         blocks, free_parameters(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), lambda delay_s: 25
     )
-    high = {one.path.removeprefix("model.friction."): one.high for one in free}
+    high = {parameter.path.removeprefix("model.friction."): parameter.high for parameter in free}
     assert high["quadratic[1]"] == 1e6  # as the field says
     assert high["linear[1]"] / 0.61 < 1.5 * small.rate_hz
     for i in range(3):
@@ -163,5 +164,5 @@ def test_a_search_that_did_not_converge_names_what_still_moved(small, monkeypatc
         options=FitOptions(start={"model.actuator_matrix[2,2]": 0.15}, sigma={"imu": [0.1, 0.1, 0.01]}),
     )
     assert not fit.converged
-    (moving,) = (one for one in fit.reasons if one.code == "fit.not-converged-moving")
+    (moving,) = (reason for reason in fit.reasons if reason.code == "fit.not-converged-moving")
     assert moving.subject in fit.names

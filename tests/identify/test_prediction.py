@@ -70,9 +70,9 @@ def of_cart(file, *runs, start=(0,)):
     records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
     problem = Residuals(blocks, shape, records)
     problem = problem.weighed(np.array([0.1]))
-    found = Prediction(problem, blocks)
-    found.kernel = filter_kernel(blocks, shape, "auto")
-    return found
+    prediction = Prediction(problem, blocks)
+    prediction.kernel = filter_kernel(blocks, shape, "auto")
+    return prediction
 
 
 def joint_normal(run, x):
@@ -115,19 +115,19 @@ def test_the_innovations_are_those_of_filterpy(cart, gauss):
         np.array([[AT[3] * DT]]),
         np.array([[np.exp(2 * AT[6])]]),
     )
-    said = []
+    innovations = []
     for u, z in zip(run.applied[:, 0], run.sensors["odometer"].z[:, 0], strict=True):
         kf.predict(u=np.array([[u]]))
         kf.update(np.array([[z / 0.1]]))
-        said.append(float(kf.y[0, 0] / np.sqrt(kf.S[0, 0])))
-    assert np.allclose(of_cart(cart, run).innovations(AT)[0][:, 0], said, rtol=1e-9, atol=1e-9)
+        innovations.append(float(kf.y[0, 0] / np.sqrt(kf.S[0, 0])))
+    assert np.allclose(of_cart(cart, run).innovations(AT)[0][:, 0], innovations, rtol=1e-9, atol=1e-9)
 
 
-def fisher_of(run, x, shown):
-    """The information (k, k) of the joint normal on the entries `shown` of x."""
+def fisher_of(run, x, rows_shown):
+    """The information (k, k) of the joint normal on the entries `rows_shown` of x."""
     _, cov = joint_normal(run, x)
     step, d_mean, d_cov = 1e-5 * np.maximum(np.abs(x), 0.1), [], []
-    for k in shown:
+    for k in rows_shown:
         ahead, behind = x.copy(), x.copy()
         ahead[k], behind[k] = x[k] + step[k], x[k] - step[k]
         (m1, c1), (m0, c0) = joint_normal(run, ahead), joint_normal(run, behind)
@@ -153,70 +153,70 @@ def test_the_noise_of_the_floor_is_as_unknown_as_the_drag(cart):
 
 
 def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(cart, gauss):
-    shown = [0, 1, 2, 3, 6]
+    rows_shown = [0, 1, 2, 3, 6]
     runs = [cart_run(cart, 7)]
-    (mean, cov), fisher = joint_normal(runs[0], AT), fisher_of(runs[0], AT, shown)
+    (mean, cov), fisher = joint_normal(runs[0], AT), fisher_of(runs[0], AT, rows_shown)
     root, rng, H = np.linalg.cholesky(cov), np.random.default_rng(0), np.zeros((5, 5))
-    found, draws = of_cart(cart, runs[0]), 300
+    prediction, draws = of_cart(cart, runs[0]), 300
     z = slice(4, 5)
     for _ in range(draws):
-        drawn = 0.1 * (mean + root @ rng.standard_normal(len(mean)))[:, None]
-        found.simulation = found.simulation.with_columns(z, [drawn])
-        H += found.evaluate(AT).hessian[np.ix_(shown, shown)] / draws
+        drawn_z = 0.1 * (mean + root @ rng.standard_normal(len(mean)))[:, None]
+        prediction.simulation = prediction.simulation.with_columns(z, [drawn_z])
+        H += prediction.evaluate(AT).hessian[np.ix_(rows_shown, rows_shown)] / draws
     scale = np.sqrt(np.diagonal(fisher))
     assert np.allclose(H / np.outer(scale, scale), fisher / np.outer(scale, scale), atol=0.05)
 
 
 def test_over_a_still_floor_the_innovations_are_the_errors_of_the_simulation(cart):
-    found = of_cart(cart, cart_run(cart, 1))
-    x = found.x(AT[:3])
-    assert np.allclose(found.innovations(x)[0], found.simulation.residuals(AT[:3])[0], atol=1e-12)
+    prediction = of_cart(cart, cart_run(cart, 1))
+    x = prediction.x(AT[:3])
+    assert np.allclose(prediction.innovations(x)[0], prediction.simulation.residuals(AT[:3])[0], atol=1e-12)
 
 
 def test_the_gradient_is_that_of_the_cost_over_two_runs_with_outliers(cart):
     runs = [cart_run(cart, seed) for seed in (2, 3)]
     runs[0].sensors["odometer"].z[::7] += 3.0
-    found = of_cart(cart, *runs)
+    prediction = of_cart(cart, *runs)
     x = np.array([2.8, 1.1, 0.05, -0.1, 0.02, 0.0, 0.0, 0.3])
-    slope = found.evaluate(x).gradient
+    slope = prediction.evaluate(x).gradient
     for k in (0, 1, 2, 3, 4, 7):
         ahead, behind = x.copy(), x.copy()
         ahead[k], behind[k] = x[k] + 1e-6, x[k] - 1e-6
-        taken = (found.evaluate(ahead).cost - found.evaluate(behind).cost) / 2e-6
-        assert slope[k] == pytest.approx(taken, rel=1e-5, abs=1e-4)
+        slope_difference = (prediction.evaluate(ahead).cost - prediction.evaluate(behind).cost) / 2e-6
+        assert slope[k] == pytest.approx(slope_difference, rel=1e-5, abs=1e-4)
 
 
 def test_a_spike_moves_nothing_and_a_gap_is_not_a_measurement(cart):
-    clean, spiked, gap = (cart_run(cart, 5) for _ in range(3))
-    spiked.sensors["odometer"].z[20] = 1e6
+    clean, spiked_run, gap = (cart_run(cart, 5) for _ in range(3))
+    spiked_run.sensors["odometer"].z[20] = 1e6
     gap.sensors["odometer"].z[20] = np.nan
-    said = [of_cart(cart, run).innovations(AT)[0][:, 0] for run in (clean, spiked, gap)]
-    assert said[2][20] == 0.0
-    assert np.allclose(np.delete(said[1], 20), np.delete(said[2], 20), atol=1e-9)
-    assert not np.allclose(said[0][21:25], said[2][21:25], atol=1e-3)
+    innovations = [of_cart(cart, run).innovations(AT)[0][:, 0] for run in (clean, spiked_run, gap)]
+    assert innovations[2][20] == 0.0
+    assert np.allclose(np.delete(innovations[1], 20), np.delete(innovations[2], 20), atol=1e-9)
+    assert not np.allclose(innovations[0][21:25], innovations[2][21:25], atol=1e-3)
 
 
 def test_the_fitted_floor_and_noise_hold_the_truth_and_a_still_floor_is_ruled_out(cart):
-    found = of_cart(cart, cart_run(cart, 11, 1200))
+    prediction = of_cart(cart, cart_run(cart, 11, 1200))
     low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
-    likely = most_likely(found, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
+    likely = most_likely(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
     v, sd = likely.noise.floor[0], likely.floor_sd[0]
     assert likely.solution.converged
     assert abs(v - 0.04) < 4.0 * sd < 0.04
     assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)
     assert likely.noise.floor[1:] == pytest.approx([0.0, 0.0])  # the odometer does not show them
     assert likely.chance < 1e-6
-    white = np.concatenate(found.innovations(found.x(likely.theta, likely.noise)))
+    white = np.concatenate(prediction.innovations(prediction.x(likely.theta, likely.noise)))
     assert np.std(white) == pytest.approx(1.0, abs=0.1)
 
 
 def test_on_a_still_floor_the_likelihood_ratio_is_small(cart):
-    still = cart.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
+    quiet_cart = cart.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
     ratios = []
     for seed in range(8):
-        found = of_cart(cart, cart_run(still, seed, 600))
+        prediction = of_cart(cart, cart_run(quiet_cart, seed, 600))
         low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
-        ratios.append(most_likely(found, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool)).ratio)
+        ratios.append(most_likely(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool)).ratio)
     assert min(ratios) > -1e-6
     assert max(ratios) < 10.8  # one in a thousand of χ² with one degree
     assert np.median(ratios) < 1.5
@@ -232,13 +232,13 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
         blocks, Shape(FREE, (), (0,), sample_fraction), [record_of(run, file.sensors._asdict())], "python"
     )
     problem = problem.weighed(np.full(3, 0.01))
-    found = Prediction(problem, blocks)
+    prediction = Prediction(problem, blocks)
     moving = FloorNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
-    e = found.innovations(found.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
-    there = problem.has[0] > 0.0
-    assert np.std(e[there[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
-    still = found.innovations(found.x(np.array([DRAG, 1.0, 0.0])))[0]
-    assert np.std(still[there[:, 0], 0]) > 5.0
+    e = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
+    present = problem.has[0] > 0.0
+    assert np.std(e[present[:, 0], 0]) == pytest.approx(1.0, abs=0.15)
+    innovations = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0])))[0]
+    assert np.std(innovations[present[:, 0], 0]) > 5.0
 
 
 def test_a_vehicle_without_a_velocity_of_its_own_is_reported_to_use_the_simulation():

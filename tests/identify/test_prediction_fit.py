@@ -20,7 +20,7 @@ SEEDS = range(3)
 def both(file, seed, **options):
     run = simulate(file, random_steps(file.command.limit, 60.0, file.rate_hz, seed), seed)
     costs = (FitOptions(cost=cost, **options) for cost in ("simulation", "innovations"))
-    return tuple(identify(run, file, options=one) for one in costs)
+    return tuple(identify(run, file, options=cost) for cost in costs)
 
 
 def offs(fit, file, names):
@@ -30,12 +30,12 @@ def offs(fit, file, names):
     return error / fit.sd[index], error
 
 
-def seen(fit):
+def interior_names(fit):
     return [name for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and fit.bound[k] == 0]
 
 
 @pytest.fixture(scope="module")
-def disturbed(case):
+def disturbed_fits(case):
     """Case study I on a floor that disturbs it, by both costs."""
     file = case.with_values({FLOOR: [0.03, 0.01, 0.03]})
     return file, [both(file, seed) for seed in SEEDS]
@@ -45,15 +45,15 @@ def test_over_a_still_floor_both_costs_say_the_same_and_the_simulation_is_believ
     for seed in SEEDS:
         first, second = both(case, seed)
         k = np.isfinite(first.sd)
-        apart = (second.estimate[: len(first.sd)] - first.estimate)[k] / first.sd[k]
-        assert np.sqrt(np.mean(apart**2)) < 0.25  # Huber's and our weights: 0.09 over 8 seeds
+        distance = (second.estimate[: len(first.sd)] - first.estimate)[k] / first.sd[k]
+        assert np.sqrt(np.mean(distance**2)) < 0.25  # Huber's and our weights: 0.09 over 8 seeds
         assert second.notes[0].code in ("cost.floor-still", "cost.too-short", "cost.simulation")
         assert np.all(second.estimate[-3:] < 0.005)
 
 
-def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_hold(disturbed):
-    file, fits = disturbed
-    names = seen(fits[0][0])
+def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_hold(disturbed_fits):
+    file, fits = disturbed_fits
+    names = interior_names(fits[0][0])
     z, errors = np.array(
         [[offs(fit, file, names) for fit in pair] for pair in fits]
     ).transpose(2, 1, 0, 3)  # fmt: skip
@@ -65,21 +65,21 @@ def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_
         assert not fit.autocorrelated
 
 
-def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed):
-    file, fits = disturbed
+def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed_fits):
+    file, fits = disturbed_fits
     floor = [f"{FLOOR}[{i}]" for i in range(3)]
     for _, fit in fits:
         off, _ = offs(fit, file, floor)
         assert np.max(np.abs(off)) < 4.5
-    written = fits[0][1].vehicle_file
+    fitted_file = fits[0][1].vehicle_file
     k = fits[0][1].names.index(floor[0])
-    assert written.value(floor[0]) == pytest.approx(fits[0][1].estimate[k], rel=1e-6)
+    assert fitted_file.value(floor[0]) == pytest.approx(fits[0][1].estimate[k], rel=1e-6)
 
 
 @pytest.mark.long
-def test_one_sample_in_ten_may_be_an_outlier(disturbed):
-    file, fits = disturbed
-    names = seen(fits[0][1])[:-3]
+def test_one_sample_in_ten_may_be_an_outlier(disturbed_fits):
+    file, fits = disturbed_fits
+    names = interior_names(fits[0][1])[:-3]
     clean, dirty = [], []
     noise = np.array([*file.sensors.imu.accel_noise_std, file.sensors.imu.gyro_noise_std])
     for seed, (_, fit) in zip(SEEDS, fits, strict=True):
@@ -111,26 +111,26 @@ def test_a_free_clock_and_a_cost_that_is_none_are_refused(case):
 
 def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
     run = simulate(case, random_steps(case.command.limit, 10.0, case.rate_hz, 1), 1)
-    heard = []
+    texts = []
 
     def say(text):
-        heard.append(text)
+        texts.append(text)
         return text.startswith("innovations")
 
     fit = identify(run, case, say=say, options=FitOptions(cost="innovations"))
-    assert 1 <= sum(text.startswith("innovations: ") for text in heard) <= 2  # with a floor, and without
+    assert 1 <= sum(text.startswith("innovations: ") for text in texts) <= 2  # with a floor, and without
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
 
-def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed):
+def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed_fits):
     """The simulation's residuals are autocorrelated, and the likelihood of a moving floor says why."""
-    _, fits = disturbed
+    _, fits = disturbed_fits
     for first, second in fits:
         assert first.autocorrelated
         assert first.verdict == "USABLE", first.reasons
         assert first.notes[0].figures["cause"].code == "cost.innovations"
         assert first.notes[0].fix == "--cost innovations"
-        assert "cost.try-innovations" not in [one.code for one in second.notes]
+        assert "cost.try-innovations" not in [note.code for note in second.notes]
         assert second.verdict == "USABLE", second.reasons
 
 

@@ -23,14 +23,14 @@ def fits(runs):
 def held_out(fit, run):
     """R² of speed and yaw rate when nothing but biases and start are fitted to the other run."""
     names = [n for n in fit.names if np.isfinite(fit.value(n))]
-    there = identify(
+    second = identify(
         run,
         fit.updated(),
         names[:1],
         use=["odometer", "imu[2]"],
         options=FitOptions(bounds=_pinned(fit, names[0])),
     )
-    return {(c.sensor, c.entry): c.explained for c in there.channels if np.isfinite(c.explained)}
+    return {(c.sensor, c.entry): c.explained for c in second.channels if np.isfinite(c.explained)}
 
 
 def _pinned(fit, name):
@@ -47,8 +47,8 @@ def test_a_car_model_is_found_on_either_run(fits):
 
 
 def test_it_predicts_the_other_run(fits, runs):
-    for fit, other in ((fits[0], runs[1]), (fits[1], runs[0])):
-        r2 = held_out(fit, other)
+    for fit, second_run in ((fits[0], runs[1]), (fits[1], runs[0])):
+        r2 = held_out(fit, second_run)
         assert r2["odometer", 0] > 0.9
         assert r2["imu", 2] > 0.9
 
@@ -59,6 +59,6 @@ def test_a_fit_by_the_imu_alone_repeated_from_its_own_answer_keeps_the_drive(run
             "steering_offset_rad", "yaw_lag_s", "drivetrain.delay_s"]  # fmt: skip
     raw = load("car").with_values({"sensors.imu.gyro_scale": 1.0})
     first = fit_imu_only(runs[0], raw, [f"model.{name}" for name in free])
-    again = fit_imu_only(runs[0], first.vehicle_file, [f"model.{name}" for name in free])
-    assert np.isfinite(again.estimate).all()
-    assert np.max(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+    second = fit_imu_only(runs[0], first.vehicle_file, [f"model.{name}" for name in free])
+    assert np.isfinite(second.estimate).all()
+    assert np.max(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3

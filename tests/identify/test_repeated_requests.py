@@ -11,14 +11,14 @@ from baqueano.identify.diagnostics.score_test import fit_residuals
 
 
 @pytest.fixture
-def end(case, driven):
+def end(case, case_run):
     """A finished search, its own for each test."""
-    return asked(driven(0, 6.0), case)
+    return fit_at_rest(case_run(0, 6.0), case)
 
 
-def asked(run, case):
+def fit_at_rest(run, case):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
+        patch.setattr(module, "fit_by_simulation", lambda task: task)
         return identify(run, case, options=FitOptions(at_rest=True))
 
 
@@ -31,24 +31,24 @@ def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
     problem = problem.weighed(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
     np.testing.assert_array_equal(problem.predictions(theta)[0], h)
-    np.testing.assert_allclose(h, shown(problem, theta), atol=1e-9)
+    np.testing.assert_allclose(h, predictions(problem, theta), atol=1e-9)
 
 
-def shown(problem, theta):
+def predictions(problem, theta):
     """What the kernel says of the first piece, every reading being asked for."""
     rows = problem.rows[0].copy()
     rows[:, problem._weights] = 1.0
     return problem.z[0] - np.asarray(problem.scan.run(rows, theta)[1])
 
 
-def test_predictions_are_there_where_no_reading_is(end, case, driven):
-    run = driven(0, 6.0)
+def test_predictions_are_there_where_no_reading_is(end, case, case_run):
+    run = case_run(0, 6.0)
     z = run.sensors["imu"].z.copy()
     z[100:200, 1] = np.nan
     few = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
-    problem, theta = asked(few, case).task.problem, end.search.solution.theta
+    problem, theta = fit_at_rest(few, case).task.problem, end.search.solution.theta
     assert not problem.has[0].all()
-    np.testing.assert_allclose(problem.predictions(theta)[0], shown(problem, theta), atol=1e-9)
+    np.testing.assert_allclose(problem.predictions(theta)[0], predictions(problem, theta), atol=1e-9)
     np.testing.assert_allclose(
         problem.predictions(theta)[0], end.task.problem.predictions(theta)[0], atol=1e-9
     )

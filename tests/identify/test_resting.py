@@ -13,7 +13,7 @@ from baqueano.vehicle_file import Provenance, load, override
 BIAS = 0.03
 
 
-def driven(rest_s):
+def drive_rest(rest_s):
     """(file, a run of 20 s of the car whose gyro has BIAS, and the rest at its end)."""
     car = load("car")
     u = np.concatenate([random_steps([0.5, 0.6], 20.0, car.rate_hz, 3), np.zeros((int(50 * rest_s), 2))])
@@ -21,7 +21,7 @@ def driven(rest_s):
 
 
 def test_the_bias_of_a_car_that_stands_is_what_its_gyro_reads():
-    car, run = driven(rest_s=6.0)
+    car, run = drive_rest(rest_s=6.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     file = fit.vehicle_file
     assert "sensors.imu.gyro_bias" not in fit.own_names
@@ -32,36 +32,38 @@ def test_the_bias_of_a_car_that_stands_is_what_its_gyro_reads():
 
 
 def test_the_bias_of_a_car_that_never_stands_is_that_of_its_file():
-    car, run = driven(rest_s=0.0)
+    car, run = drive_rest(rest_s=0.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
-    assert "bias.at-rest" not in [one.code for one in fit.notes]
+    assert "bias.at-rest" not in [note.code for note in fit.notes]
 
 
 def offset(car, run, zero, sd):
     """Estimate and standard error of the steering offset, with a zero of the gyro that is measured ± sd, if at all."""
     path = "sensors.imu.gyro_bias"
-    told = {} if sd is None else {path: Provenance("a rest", date(2026, 1, 1), sd, "USABLE")}
-    fit = identify(run, car.with_values({path: zero}, told), use=["odometer", "imu[2]"])
+    provenance = {} if sd is None else {path: Provenance("a rest", date(2026, 1, 1), sd, "USABLE")}
+    fit = identify(run, car.with_values({path: zero}, provenance), use=["odometer", "imu[2]"])
     k = fit.names.index("model.steering_offset_rad")
     return fit.estimate[k], fit.sd[k]
 
 
 def test_the_error_of_a_zero_stands_in_that_of_the_steering():
     """It moves the steering as another zero does; of one that nobody measured, by what the run knows of it."""
-    car, run = driven(rest_s=0.0)
+    car, run = drive_rest(rest_s=0.0)
     estimate, sure = offset(car, run, BIAS, 1e-9)
     _, unsure = offset(car, run, BIAS, 0.01)
-    moved = offset(car, run, BIAS + 0.001, 1e-9)[0] - estimate
-    assert np.sqrt(unsure**2 - sure**2) / 0.01 == pytest.approx(abs(moved) / 0.001, rel=0.05)
+    shift = offset(car, run, BIAS + 0.001, 1e-9)[0] - estimate
+    assert np.sqrt(unsure**2 - sure**2) / 0.01 == pytest.approx(abs(shift) / 0.001, rel=0.05)
     assert 1.01 * sure < offset(car, run, BIAS, None)[1] < unsure
 
 
 def test_a_car_that_is_turned_by_hand_without_commands_does_not_stand():
-    car, run = driven(rest_s=6.0)
+    car, run = drive_rest(rest_s=6.0)
     imu = run.sensors["imu"]
-    turned = imu.z + np.where(imu.t_ns > run.t_ns[-250], 1.0, 0.0)[:, None] * np.sin(imu.t_ns * 3e-9)[:, None]
-    run = replace(run, sensors={**run.sensors, "imu": imu._replace(z=turned)})
+    turned_z = (
+        imu.z + np.where(imu.t_ns > run.t_ns[-250], 1.0, 0.0)[:, None] * np.sin(imu.t_ns * 3e-9)[:, None]
+    )
+    run = replace(run, sensors={**run.sensors, "imu": imu._replace(z=turned_z)})
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
 

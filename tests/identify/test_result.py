@@ -15,8 +15,8 @@ from tests.codes import of_code
 
 
 @pytest.fixture(scope="module")
-def fit(case, driven):
-    return identify(driven(0, 20.0), case)
+def fit(case, case_run):
+    return identify(case_run(0, 20.0), case)
 
 
 def test_rows_are_flat_and_fit_for_json(fit):
@@ -34,15 +34,15 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert any(line.startswith("USABLE: ") for line in lines)
 
 
-def test_what_was_asked_for_run_by_run_is_reported(case, driven):
-    asked = identify(driven(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
-    plain = identify(driven(0, 10.0), case)
-    rows = [row for row in asked.run_by_run() if row["name"] == "clock.truth"]
+def test_what_was_asked_for_run_by_run_is_reported(case, case_run):
+    fit = identify(case_run(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
+    plain = identify(case_run(0, 10.0), case)
+    rows = [row for row in fit.run_by_run() if row["name"] == "clock.truth"]
     assert len(rows) == 1
     assert set(rows[0]) == {"run", "name", "estimate", "sd"}
     assert json.loads(json.dumps(rows)) == rows
-    assert f"clock.truth of {asked.runs[0]}: " in asked.table()
-    assert "s, to be added to its stamps" in asked.table()
+    assert f"clock.truth of {fit.runs[0]}: " in fit.table()
+    assert "s, to be added to its stamps" in fit.table()
     assert "clock." not in plain.table()
 
 
@@ -56,8 +56,8 @@ def test_intervals_and_correlations_belong_to_the_covariance(fit):
 
 def test_predictions_stand_beside_the_data_in_each_channel(fit):
     for c in fit.channels:
-        left = c.measured - c.predicted
-        assert np.nanstd(left) == pytest.approx(c.sigma, rel=0.1)
+        residual = c.measured - c.predicted
+        assert np.nanstd(residual) == pytest.approx(c.sigma, rel=0.1)
         assert c.t_s.shape == c.measured.shape
 
 
@@ -75,7 +75,7 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
 
 
 @pytest.mark.parametrize(
-    ("options", "says"),
+    ("options", "code"),
     [
         ({"free": ["model.friction.linnear"]}, "parameter.unknown"),
         ({"free": ["model.friction.linear[7]"]}, "parameter.unknown"),
@@ -90,15 +90,15 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
         ({"sigma": {"imu": [0.1, 0.1, 0.0]}}, "sigma.negative"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_words(case, driven, options, says):
-    what = {name: value for name, value in options.items() if name in ("free", "use")}
-    how = {name: value for name, value in options.items() if name not in what}
-    with pytest.raises(UsageError, check=of_code(says)):
-        identify(driven(0, 20.0), case, **what, options=FitOptions(**how))
+def test_what_makes_no_sense_is_refused_in_words(case, case_run, options, code):
+    arguments = {name: value for name, value in options.items() if name in ("free", "use")}
+    fit_options = {name: value for name, value in options.items() if name not in arguments}
+    with pytest.raises(UsageError, check=of_code(code)):
+        identify(case_run(0, 20.0), case, **arguments, options=FitOptions(**fit_options))
 
 
-def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
-    run = driven(0, 20.0)
+def test_runs_that_cannot_be_fitted_are_refused_in_words(case, case_run):
+    run = case_run(0, 20.0)
     imu = run.sensors["imu"]
     cases = {
         "runs.none": [],
@@ -108,9 +108,9 @@ def test_runs_that_cannot_be_fitted_are_refused_in_words(case, driven):
         "runs.other-size": replace(run, sensors={"imu": imu._replace(z=imu.z[:, :2])}),
         "runs.few-ticks": run.cut(0.0, 0.01),
     }
-    for says, what in cases.items():
-        with pytest.raises(UsageError, check=of_code(says)):
-            identify(what, case)
+    for code, runs in cases.items():
+        with pytest.raises(UsageError, check=of_code(code)):
+            identify(runs, case)
     with pytest.raises(UsageError, check=of_code("truth.not-held")):
         identify(replace(run, truth=None), case, use=["truth"])
     with pytest.raises(UsageError, check=of_code("runs.no-sensor", sensor="imu")):
@@ -129,11 +129,11 @@ def test_a_run_without_readings_is_named_where_others_have_them(small):
         identify([run, empty, deaf], small)
     with pytest.raises(UsageError, check=of_code("use.nothing-common", known="imu")):
         identify(empty, small)
-    alone, both = (
+    single, both = (
         identify(runs, small, use=("imu",), options=FitOptions(diagnose=False))
         for runs in (run, [run, empty])
     )
-    off = np.abs(both.estimate - alone.estimate) / alone.sd
+    off = np.abs(both.estimate - single.estimate) / single.sd
     assert np.nanmax(off) < 1e-2
 
 
@@ -169,12 +169,12 @@ def test_what_swings_is_reported_as_that_and_not_as_a_floor(small):
         replace(run, sensors={"imu": imu._replace(z=z)}), small, options=FitOptions(diagnose=False)
     )
     assert not fit.autocorrelated
-    assert ("residual.alternates", "imu[2]") in [(one.code, one.subject) for one in fit.notes]
-    assert not {"residual.not-white", "cost.try-innovations"} & {one.code for one in fit.notes}
+    assert ("residual.alternates", "imu[2]") in [(note.code, note.subject) for note in fit.notes]
+    assert not {"residual.not-white", "cost.try-innovations"} & {note.code for note in fit.notes}
 
 
-def test_what_was_done_to_the_data_is_reported(case, driven):
-    run = driven(0, 20.0)
+def test_what_was_done_to_the_data_is_reported(case, case_run):
+    run = case_run(0, 20.0)
     imu = run.sensors["imu"]
     z = imu.z.copy()
     z[100:110] = z[99]  # held
@@ -186,7 +186,7 @@ def test_what_was_done_to_the_data_is_reported(case, driven):
         sensors={"imu": Channel(imu.t_ns[keep], imu.arrival_ns[keep], z[keep])},
         truth=None,
     )
-    notes = {one.code: one.figures for one in identify(gappy, case).notes}
+    notes = {note.code: note.figures for note in identify(gappy, case).notes}
     assert notes["data.gaps"] == {"gaps": 1, "longest_s": pytest.approx(0.31)}
     assert notes["data.repeats"] == {"lost": 10, "percent": pytest.approx(0.5, abs=0.05), "longest": 10}
     assert notes["data.command-unknown"] == {"ticks": 1}
@@ -195,7 +195,7 @@ def test_what_was_done_to_the_data_is_reported(case, driven):
 def test_samples_at_the_end_of_the_range_are_left_out(small):
     file = small.with_values({"sensors.imu.gyro_limit": 3.0})
     fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
-    assert "3, -3" in [one.figures["ends"] for one in fit.reasons if one.code == "data.clipped"]
+    assert "3, -3" in [reason.figures["ends"] for reason in fit.reasons if reason.code == "data.clipped"]
     truth = np.array([file.value(name) for name in fit.names])
     z = (fit.estimate - truth) / fit.sd
     assert np.nanmax(np.abs(z)) < 5.0

@@ -18,9 +18,9 @@ def test_slopes_that_are_not_finite_are_not_a_place_to_go():
             return Evaluation(-1.0, np.array([np.nan]), np.array([[np.inf]]))
         return Evaluation(float((x - 1.9) ** 2), np.array([2.0 * (x - 1.9)]), np.array([[0.5]]))
 
-    found = minimise(evaluate, np.array([-5.0]), np.array([-10.0]), np.array([10.0]))
-    assert found.converged
-    assert abs(found.theta[0] - 1.9) < 1e-3
+    minimum = minimise(evaluate, np.array([-5.0]), np.array([-10.0]), np.array([10.0]))
+    assert minimum.converged
+    assert abs(minimum.theta[0] - 1.9) < 1e-3
     nowhere = minimise(evaluate, np.array([3.0]), np.array([-10.0]), np.array([10.0]))
     assert not nowhere.converged
 
@@ -38,11 +38,11 @@ def test_id12_a_piece_that_ran_away_tells_nothing_and_the_other_what_it_tells_al
             sigma=np.ones(2),
             has=[np.ones((100, 2)) for _ in slopes],
             records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],
-            sensitivities=lambda theta: [(r, one, np.arange(3)) for one in slopes],
+            sensitivities=lambda theta: [(r, slope, np.arange(3)) for slope in slopes],
         )
         return information(problem, np.zeros(3))  # pyright: ignore[reportArgumentType]
 
-    alone, both = of(d), of(d, away)
-    assert np.array_equal(both.bread, alone.bread)
-    assert np.array_equal(both.meat, alone.meat)
+    single, both = of(d), of(d, away)
+    assert np.array_equal(both.bread, single.bread)
+    assert np.array_equal(both.meat, single.meat)
     assert not of(away).bread.any()

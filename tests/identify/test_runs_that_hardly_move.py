@@ -28,17 +28,17 @@ T_S = np.arange(400) / 100.0
 NOISE = 0.01
 
 
-def step(k, speed, says):
-    """A step to `speed` of which the model says `says` [m/s]."""
+def step(k, speed, speed_model):
+    """A step to `speed` of which the model says `speed_model` [m/s]."""
     on = (T_S > 0.5) & (T_S < 2.5)
     z = speed * on + np.random.default_rng(k).normal(0.0, NOISE, len(T_S))
-    part = explained(z, says * on, 0.05)
-    return ChannelFit(f"step {k}", "odometer", 0, T_S, z, says * on, 0.05, part, 0.0)
+    part = explained(z, speed_model * on, 0.05)
+    return ChannelFit(f"step {k}", "odometer", 0, T_S, z, speed_model * on, 0.05, part, 0.0)
 
 
 def evidence(channels):
-    one = np.ones(1)
-    return Evidence(("gain",), one, 0 * one, 0 * one, 0, (), channels, True, np.zeros(1), None)
+    unit = np.ones(1)
+    return Evidence(("gain",), unit, 0 * unit, 0 * unit, 0, (), channels, True, np.zeros(1), None)
 
 
 def test_two_of_28_runs_inside_the_dead_zone_refuse_no_fit_and_are_named():
@@ -47,16 +47,16 @@ def test_two_of_28_runs_inside_the_dead_zone_refuse_no_fit_and_are_named():
     assert np.mean([c.explained for c in runs]) < -1.0
     e = evidence(runs)
     assert verdict_of(e)[0] == "USABLE"
-    (said,) = [one for one in noted(e) if one.code == "runs.hardly-moved"]
-    assert said.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
+    (doubt,) = [reason for reason in noted(e) if reason.code == "runs.hardly-moved"]
+    assert doubt.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
 
 
 def test_a_run_that_moved_and_is_unlike_the_model_is_a_doubt():
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
     verdict, reasons = verdict_of(e)
     assert verdict == "WARN"
-    (said,) = [one for one in reasons if one.code == "runs.unlike-others"]
-    assert said.figures == {"count": 1, "of": 7, "runs": "step 6"}
+    (doubt,) = [reason for reason in reasons if reason.code == "runs.unlike-others"]
+    assert doubt.figures == {"count": 1, "of": 7, "runs": "step 6"}
 
 
 def test_a_channel_that_is_unlike_the_model_in_most_runs_is_refused():

@@ -17,25 +17,25 @@ from tests.codes import of_code
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
 
 
-def test_pieces_hold_every_measurement_once(case, driven):
-    whole = record_of(driven(0, 12.0), case.sensors._asdict())
+def test_pieces_hold_every_measurement_once(case, case_run):
+    whole = record_of(case_run(0, 12.0), case.sensors._asdict())
     pieces = cut(whole, 2.5, 0.3)
     assert len(pieces) == 5
     assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
     assert sum(p.sensors["imu"].has.sum() for p in pieces) == whole.sensors["imu"].has.sum()
-    kept = np.concatenate([p.t_s[p.lead :] for p in pieces])
-    np.testing.assert_array_equal(kept, whole.t_s)
+    times_kept = np.concatenate([p.t_s[p.lead :] for p in pieces])
+    np.testing.assert_array_equal(times_kept, whole.t_s)
 
 
-def test_a_piece_begins_before_its_first_measurement(case, driven):
-    whole = record_of(driven(0, 12.0), case.sensors._asdict())
+def test_a_piece_begins_before_its_first_measurement(case, case_run):
+    whole = record_of(case_run(0, 12.0), case.sensors._asdict())
     pieces = cut(whole, 2.5, 0.0)
     assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
     assert all(not p.sensors["imu"].has[: p.lead].any() for p in pieces)
 
 
-def test_what_was_measured_before_the_first_tick_is_left_out(case, driven):
-    run = driven(0, 3.0)
+def test_what_was_measured_before_the_first_tick_is_left_out(case, case_run):
+    run = case_run(0, 3.0)
     imu = run.sensors["imu"]
     t_ns = imu.t_ns - 2_000_000
     early = replace(run, sensors={"imu": imu._replace(t_ns=t_ns)})
@@ -44,8 +44,8 @@ def test_what_was_measured_before_the_first_tick_is_left_out(case, driven):
     assert has[1:].all()
 
 
-def test_a_piece_longer_than_the_run_is_the_run(case, driven):
-    whole = record_of(driven(0, 4.0), case.sensors._asdict())
+def test_a_piece_longer_than_the_run_is_the_run(case, case_run):
+    whole = record_of(case_run(0, 4.0), case.sensors._asdict())
     (piece,) = cut(whole, 60.0, 0.5)
     assert piece.lead == 0
     np.testing.assert_array_equal(piece.u, whole.u)
@@ -58,28 +58,28 @@ def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
     for k, index in enumerate(layout.indices):
         J[20 * k : 20 * (k + 1), index] = rng.normal(size=(20, len(index)))
     A = J.T @ J
-    reduced, meat = without_starts(A, A, layout)
-    told = layout.starts
-    np.testing.assert_allclose(np.linalg.inv(reduced), np.linalg.inv(A)[:told, :told], rtol=1e-9)
-    np.testing.assert_allclose(meat, reduced, rtol=1e-9, atol=1e-12)
+    without_start, meat = without_starts(A, A, layout)
+    starts = layout.starts
+    np.testing.assert_allclose(np.linalg.inv(without_start), np.linalg.inv(A)[:starts, :starts], rtol=1e-9)
+    np.testing.assert_allclose(meat, without_start, rtol=1e-9, atol=1e-12)
 
 
 def test_slopes_without_the_start_of_their_piece_have_the_information_without_starts():
     rng = np.random.default_rng(1)
     layout = ThetaLayout(3, 2, 2, (0, 0, 1))
-    A, reduced = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
+    A, without_start = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
     for index in layout.indices:
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
         A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)
         start = index >= layout.starts
-        left = slopes_without_start(d, w, start)
-        np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, left, d[..., start]), 0.0, atol=1e-12)
-        reduced[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, left, left)
-    np.testing.assert_allclose(reduced, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
+        slopes = slopes_without_start(d, w, start)
+        np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, slopes, d[..., start]), 0.0, atol=1e-12)
+        without_start[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, slopes, slopes)
+    np.testing.assert_allclose(without_start, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
-def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, driven, off):
-    run = driven(3, 40.0)
+def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, case_run, off):
+    run = case_run(3, 40.0)
     whole = identify(run, case, FREE)
     pieces = identify(run, case, FREE, options=FitOptions(segment_s=4.0))
     assert np.max(np.abs(off(pieces, case))) < 4.0
@@ -99,18 +99,18 @@ def test_a_slip_that_the_lead_forgets_does_not_lead_the_search_astray(small, see
     assert fit.evaluations < 60  # 424 to 800 where a piece may begin with any slip
 
 
-def test_cores_sum_as_one_does(case, driven, monkeypatch):
-    runs = [driven(k, 25.0) for k in range(2)]
+def test_cores_sum_as_one_does(case, case_run, monkeypatch):
+    runs = [case_run(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
     monkeypatch.setattr(import_module("baqueano.identify.parallel"), "ENOUGH", 10**9)
-    alone = identify(runs, case, FREE)
-    np.testing.assert_array_equal(together.estimate, alone.estimate)
-    np.testing.assert_array_equal(together.cov, alone.cov)
+    serial = identify(runs, case, FREE)
+    np.testing.assert_array_equal(together.estimate, serial.estimate)
+    np.testing.assert_array_equal(together.cov, serial.cov)
 
 
-def test_each_run_may_have_a_number_for_itself(case, driven):
+def test_each_run_may_have_a_number_for_itself(case, case_run):
     scales = (1.0, 1.05)
-    runs = [driven(k, 15.0, case.with_values({"sensors.imu.gyro_scale": s})) for k, s in enumerate(scales)]
+    runs = [case_run(k, 15.0, case.with_values({"sensors.imu.gyro_scale": s})) for k, s in enumerate(scales)]
     fit = identify(
         runs, case, ["model.friction.linear[0]"], options=FitOptions(per_run=["sensors.imu.gyro_scale"])
     )
@@ -120,7 +120,7 @@ def test_each_run_may_have_a_number_for_itself(case, driven):
 
 
 @pytest.fixture(scope="module")
-def filmed(small):
+def filmed_run(small):
     """A drive of the small vehicle whose camera's clock is 40 ms off, with a gyro that says too much."""
     from baqueano.identify import random_steps
 
@@ -135,9 +135,9 @@ def filmed(small):
     return replace(run, truth=TruthLog(t.t_ns[every] - 40_000_000, eta, none, none))
 
 
-def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed, small):
+def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed_run, small):
     fit = identify(
-        filmed,
+        filmed_run,
         small,
         ["model.actuator_matrix[2,2]", "model.friction.linear[2]", "sensors.imu.gyro_scale"],
         use=("imu", "truth"),
@@ -150,11 +150,11 @@ def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed, small):
     assert fit.own_sd[0, c] < 0.005
 
 
-def test_a_clock_of_what_is_not_believed_is_refused(case, driven):
+def test_a_clock_of_what_is_not_believed_is_refused(case, case_run):
     with pytest.raises(UsageError, check=of_code("clock.unreliable", known="imu")):
-        identify(driven(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
+        identify(case_run(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 
-def test_pieces_need_a_length(case, driven):
+def test_pieces_need_a_length(case, case_run):
     with pytest.raises(UsageError, check=of_code("segment.length", length_s=0.0)):
-        identify(driven(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))
+        identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))

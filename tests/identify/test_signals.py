@@ -23,9 +23,9 @@ def test_every_signal_stays_inside_its_limits_and_never_moves_a_channel_without_
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_seed_gives_the_same_signal_and_another_gives_another(kind):
-    first, same, other = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
+    first, same, different = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
     assert np.array_equal(first, same)
-    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, different)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -68,7 +68,7 @@ def test_rest_comes_before_and_after():
 
 
 @pytest.mark.parametrize(
-    ("call", "says"),
+    ("call", "code"),
     [
         (lambda: excitation("sine", LIMIT, 10.0, 50.0), "signal.unknown"),
         (lambda: excitation("random steps", LIMIT, 10.0, 50.0), "signal.unknown"),
@@ -83,6 +83,6 @@ def test_rest_comes_before_and_after():
         (lambda: multisine(LIMIT, 1.0, 50.0, high_hz=1.0), "signal.few-sines"),
     ],
 )
-def test_a_signal_that_makes_no_sense_is_refused_in_words(call, says):
-    with pytest.raises(UsageError, check=of_code(says)):
+def test_a_signal_that_makes_no_sense_is_refused_in_words(call, code):
+    with pytest.raises(UsageError, check=of_code(code)):
         call()

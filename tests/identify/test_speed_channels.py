@@ -15,14 +15,14 @@ FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
 HELD_S = 80.0
 
 
-def driven(file, seconds_, seed, **truth):
+def drive_fit(file, seconds_, seed, **truth):
     u = excitation("random_steps", file.command.limit, seconds_, file.rate_hz, seed=seed)
     return experiment(file, u, truth=file.with_values(truth), seed=seed)
 
 
 @pytest.fixture(scope="module")
 def fit():
-    return identify(run := driven(SMALL, 30.0, 1), SMALL, FREE), run
+    return identify(run := drive_fit(SMALL, 30.0, 1), SMALL, FREE), run
 
 
 def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
@@ -31,7 +31,7 @@ def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
     assert not noise.speed.decided
     assert noise.speed.message.fix == "--held-out RUN"
     assert "speed_from" not in noise.updated(fit[0].vehicle_file).data["estimator"]
-    blind = replace(driven(SMALL, HELD_S, 2), truth=None)
+    blind = replace(drive_fit(SMALL, HELD_S, 2), truth=None)
     assert measure_noise(*fit, held_out=[blind]).speed == noise.speed
 
 
@@ -39,28 +39,30 @@ def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
 def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     """A floor that pushes: no command tells the model of it, an accelerometer feels it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}
-    seen, unseen = (driven(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2)))
-    fit = identify(seen, SMALL, FREE), seen
-    noise = measure_noise(*fit, held_out=[unseen])
+    own_run, unseen_run = (
+        drive_fit(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2))
+    )
+    fit = identify(own_run, SMALL, FREE), own_run
+    noise = measure_noise(*fit, held_out=[unseen_run])
     assert noise.speed is not None
     assert noise.speed.decided
     assert noise.speed.names
     assert "truth" in noise.speed.message.figures["by"]
-    written = noise.updated(fit[0].vehicle_file)
-    assert written.estimator().speed_from == noise.speed.names
+    fitted_file = noise.updated(fit[0].vehicle_file)
+    assert fitted_file.estimator().speed_from == noise.speed.names
 
 
 def test_accelerometers_that_spoil_the_speed_are_left_out(fit):
     """An IMU that was tilted by 3 degrees after the fit: a_x shows a slope that is not there."""
     bias = SMALL.sensors.imu.accel_bias + np.array([0.5, 0.5])
-    unseen = driven(SMALL, HELD_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
-    noise = measure_noise(*fit, held_out=[unseen])
+    unseen_run = drive_fit(SMALL, HELD_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
+    noise = measure_noise(*fit, held_out=[unseen_run])
     assert noise.speed is not None
     assert noise.speed.names == (), noise.speed.message
 
 
 def test_too_few_pieces_decide_nothing_for_the_accelerometers(fit):
-    noise = measure_noise(*fit, held_out=[driven(SMALL, 20.0, 3)])
+    noise = measure_noise(*fit, held_out=[drive_fit(SMALL, 20.0, 3)])
     assert noise.speed is not None
     assert noise.speed.names == ()
     assert noise.speed.message.code == "speed.too-short"
@@ -68,7 +70,7 @@ def test_too_few_pieces_decide_nothing_for_the_accelerometers(fit):
 
 def test_the_ratio_of_blocks_is_that_of_the_sums():
     rng = np.random.default_rng(0)
-    ours, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
-    ratio, low, high = ratio_of_blocks(ours, reference)
-    assert ratio == pytest.approx(np.sqrt(ours.sum() / reference.sum()), rel=1e-12)
+    block_sums, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
+    ratio, low, high = ratio_of_blocks(block_sums, reference)
+    assert ratio == pytest.approx(np.sqrt(block_sums.sum() / reference.sum()), rel=1e-12)
     assert low < ratio < high < 1.0

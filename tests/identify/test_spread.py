@@ -10,21 +10,21 @@ def test_rows_in_which_an_encoder_stands_do_not_make_the_noise_small():
     """Two thirds of the rows say 0 and so does the model, but for what is left of its start."""
     rng = np.random.default_rng(0)
     noise = rng.normal(scale=0.05, size=(3000, 1))
-    z, waited = 1.0 + noise, noise.copy()
-    z[:2000], waited[:2000, 0] = 0.0, 1e-5 * rng.normal(size=2000)
+    z, waiting = 1.0 + noise, noise.copy()
+    z[:2000], waiting[:2000, 0] = 0.0, 1e-5 * rng.normal(size=2000)
     has = [np.ones((3000, 1))]
-    alone = spread([noise[2000:]], [np.ones((1000, 1))], np.zeros(1))
-    assert spread([waited], telling([waited], has, [z]), np.zeros(1)) == pytest.approx(alone)
-    assert spread([waited], has, np.zeros(1)) < 1e-4  # as it would be
-    assert alone == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
+    moving_only = spread([noise[2000:]], [np.ones((1000, 1))], np.zeros(1))
+    assert spread([waiting], telling([waiting], has, [z]), np.zeros(1)) == pytest.approx(moving_only)
+    assert spread([waiting], has, np.zeros(1)) < 1e-4  # as it would be
+    assert moving_only == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
 
 
 def test_a_model_that_moves_while_the_encoder_stands_is_reported():
-    left, z = np.full((100, 1), -0.3), np.zeros((100, 1))
+    residuals, z = np.full((100, 1), -0.3), np.zeros((100, 1))
     z[50:] = 1.0
-    assert telling([left], [np.ones((100, 1))], [z])[0].all()
+    assert telling([residuals], [np.ones((100, 1))], [z])[0].all()
 
 
 def test_a_channel_in_which_nothing_ever_happens_keeps_its_rows():
-    still = np.zeros((50, 1))
-    assert telling([still], [np.ones((50, 1))], [still])[0].all()
+    zero = np.zeros((50, 1))
+    assert telling([zero], [np.ones((50, 1))], [zero])[0].all()

@@ -41,12 +41,12 @@ def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
     rng = np.random.default_rng(seed)
     count, fade = int(seconds / h), math.exp(-h / 0.5)
     kick = math.sqrt(1.0 - fade**2) * rng.standard_normal((count, 3)) * [0.02, 0.01, 0.03]
-    pose, floor, wheels, asked = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2)
-    poses, turned = np.zeros((count, 3)), np.zeros((count, 2))
+    pose, floor, wheels, wheel_target = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(2)
+    poses, wheel_angles = np.zeros((count, 3)), np.zeros((count, 2))
     for k in range(count):
         if k % 400 == 0:
-            asked = rng.uniform(1.0, 6.0, 2)
-        wheels = wheels + h / 0.3 * (asked - wheels)
+            wheel_target = rng.uniform(1.0, 6.0, 2)
+        wheels = wheels + h / 0.3 * (wheel_target - wheels)
         v_l, v_r = LEFT_M * wheels[0], RIGHT_M * wheels[1]
         nu = np.array([0.5 * (v_l + v_r), 0.0, (v_r - v_l) / TRACK_M])
         nu[1] = -SLIDE_S * nu[0] * nu[2]
@@ -54,10 +54,19 @@ def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
         nu = nu + floor
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         pose = pose + h * np.array([cos * nu[0] - sin * nu[1], sin * nu[0] + cos * nu[1], nu[2]])
-        poses[k], turned[k] = pose, wheels
+        poses[k], wheel_angles[k] = pose, wheels
     every = round(tick_s / h)
-    shown = turned.reshape(-1, every, 2).mean(axis=1) + 0.02 * rng.standard_normal((count // every, 2))
-    u = np.stack([shown.mean(axis=1), 0.0 * shown[:, 0], 0.5 * (shown[:, 1] - shown[:, 0])], axis=1)
+    wheel_readings = wheel_angles.reshape(-1, every, 2).mean(axis=1) + 0.02 * rng.standard_normal(
+        (count // every, 2)
+    )
+    u = np.stack(
+        [
+            wheel_readings.mean(axis=1),
+            0.0 * wheel_readings[:, 0],
+            0.5 * (wheel_readings[:, 1] - wheel_readings[:, 0]),
+        ],
+        axis=1,
+    )
     t_ns = np.arange(1, count // every + 1, dtype=np.int64) * round(1e9 * tick_s)
     at = np.arange(20, count - 20, 20) + 3  # 15 ms after a tick
     eta = poses[at] + rng.standard_normal((len(at), 3)) * [5e-3, 5e-3, 7e-3]
@@ -96,7 +105,7 @@ def test_a_floor_that_drifts_is_in_the_error_bars():
 
 
 def test_unseen_runs_are_as_good_as_its_own(fit):
-    found = validate(fit, [drive(3), drive(4)])
-    assert found.verdict == "USABLE"
-    assert max(figure.times for figure in found.figures) < 1.3
-    assert min(figure.times for figure in found.figures) > 0.7
+    validation = validate(fit, [drive(3), drive(4)])
+    assert validation.verdict == "USABLE"
+    assert max(figure.times for figure in validation.figures) < 1.3
+    assert min(figure.times for figure in validation.figures) > 0.7

@@ -50,14 +50,14 @@ def drive(seed, seconds=40.0, tick_s=0.02, h=0.002):
     count, every, fade = int(seconds / h), round(tick_s / h), math.exp(-h / 0.4)
     kick = (math.sqrt(1.0 - fade**2) * rng.standard_normal((count, 2)) * [0.05, 0.1]).tolist()
     v = side = r = e_x = e_psi = 0.0
-    duty, until, travelled = (0.0, 0.0), 1.0, [0.0, 0.0]
-    shown, sent = [], []
+    duty, until, ways_m = (0.0, 0.0), 1.0, [0.0, 0.0]
+    readings, duties_sent = [], []
     for k in range(count):
         if k % every == 0 and k * h >= until:
             left, right = rng.uniform(-0.9, 0.9, 2).tolist()
             duty, until = (left, left if rng.random() < 0.4 else right), until + rng.uniform(0.3, 2.0)
         if k % every == 0:
-            sent.append(duty)
+            duties_sent.append(duty)
         e_x, e_psi = fade * e_x + kick[k][0], fade * e_psi + kick[k][1]
         rolls = (v - 0.5 * TRACK_M * r, v + 0.5 * TRACK_M * r)
         F = [
@@ -69,13 +69,13 @@ def drive(seed, seconds=40.0, tick_s=0.02, h=0.002):
         side_dot = -GRIP * side / MASS_KG - r * v
         r_dot = (0.5 * TRACK_M * (F[1] - F[0]) - SCRUB * r) / INERTIA_KG_M2 + e_psi * moves
         v, side, r = v + h * v_dot, side + h * side_dot, r + h * r_dot
-        travelled = [x + h * w for x, w in zip(travelled, rolls, strict=True)]
+        ways_m = [x + h * w for x, w in zip(ways_m, rolls, strict=True)]
         if (k + 1) % every == 0:
-            shown.append([math.floor(x / TICK_M) * TICK_M for x in travelled])
-    t_ns = np.arange(1, len(shown) + 1, dtype=np.int64) * round(1e9 * tick_s)
-    left, right = np.array(sent).T
+            readings.append([math.floor(x / TICK_M) * TICK_M for x in ways_m])
+    t_ns = np.arange(1, len(readings) + 1, dtype=np.int64) * round(1e9 * tick_s)
+    left, right = np.array(duties_sent).T
     u = np.stack([0.5 * (left + right), 0.0 * left, 0.5 * (right - left)], axis=1)
-    rate, middle = np.diff(np.array(shown), axis=0) / tick_s, t_ns[1:] - round(0.5e9 * tick_s)
+    rate, middle = np.diff(np.array(readings), axis=0) / tick_s, t_ns[1:] - round(0.5e9 * tick_s)
     return Run(f"stranger {seed}", None, t_ns, u, sensors={"wheels": Channel(middle, middle, rate)})
 
 
@@ -89,5 +89,5 @@ def test_friction_of_the_wheels_is_chosen_and_dead_zones_are_not(choice):
 
 
 def test_it_carries_over_to_unseen_runs(choice):
-    found = validate(choice.fit, [drive(3), drive(4)])
-    assert found.verdict == "USABLE"
+    validation = validate(choice.fit, [drive(3), drive(4)])
+    assert validation.verdict == "USABLE"

@@ -20,7 +20,7 @@ def row(
 
 
 @pytest.mark.parametrize(
-    ("of", "said"),
+    ("of", "mark"),
     [
         (row(9.67, 110.0), "may be 0"),
         (row(-1.0, 0.52), "may be 0"),
@@ -33,71 +33,73 @@ def row(
         (row(None, None, None, "no"), "not identifiable"),
     ],
 )
-def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of, said):
-    assert marks(of) == said
+def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of, mark):
+    assert marks(of) == mark
 
 
-def test_the_table_marks_what_the_rows_say(driven, case):
-    fit = identify(driven(0, 4.0), case)
+def test_the_table_marks_what_the_rows_say(case_run, case):
+    fit = identify(case_run(0, 4.0), case)
     lines = fit.table().splitlines()[1:]
     doubtful = [row["name"] for row in fit.rows() if row["sd"] and abs(row["estimate"]) < 1.96 * row["sd"]]
     assert doubtful
     for name in doubtful:
-        line = next(one for one in lines if one.startswith(name.removeprefix("model.")))
+        line = next(text_line for text_line in lines if text_line.startswith(name.removeprefix("model.")))
         assert line.endswith("may be 0)")
 
 
-def said(
-    reasons: list[str], unseen: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
-    reported: bool = False,
+def lines_of(
+    reasons: list[str], unobservable: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
+    with_report: bool = False,
 ) -> list[str]:  # fmt: skip
     """The lines of codes without a template, which are their own sentences."""
-    fields = {"reasons": reasons, "unobservable": unseen, "never": never, "notes": notes}
-    told = {name: tuple(map(note, codes)) for name, codes in fields.items()}
-    return verdict_lines(SimpleNamespace(verdict=verdict, **told), reported)
+    fields = {"reasons": reasons, "unobservable": unobservable, "never": never, "notes": notes}
+    by_field = {name: tuple(map(note, codes)) for name, codes in fields.items()}
+    return verdict_lines(SimpleNamespace(verdict=verdict, **by_field), with_report)
 
 
 WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight")
 
 
 def test_however_much_is_to_be_said_a_screen_holds_it_and_tells_of_the_rest():
-    lines = said(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
+    lines = lines_of(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
     assert len(lines) <= MOST
-    told = sum(line.startswith("- ") for line in lines)
-    assert lines[-1] == f"and {4 * len(WORDS) - told} more: --report fit.html shows all, with figures"
+    shown_count = sum(line.startswith("- ") for line in lines)
+    assert lines[-1] == f"and {4 * len(WORDS) - shown_count} more: --report fit.html shows all, with figures"
 
 
 def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
     many = list(WORDS)
-    asked, written = (said(many, [], [], [], reported=reported) for reported in (False, True))
-    assert asked[:-1] == written[:-1]
-    assert asked[-1] == "and 3 more: --report fit.html shows all, with figures"
-    assert written[-1] == "and 3 more: the report shows all, with figures"
-    assert said(["one"], [], [], [], reported=True) == ["WARN: one"]
+    on_request, in_report = (
+        lines_of(many, [], [], [], with_report=with_report) for with_report in (False, True)
+    )
+    assert on_request[:-1] == in_report[:-1]
+    assert on_request[-1] == "and 3 more: --report fit.html shows all, with figures"
+    assert in_report[-1] == "and 3 more: the report shows all, with figures"
+    assert lines_of(["one"], [], [], [], with_report=True) == ["WARN: one"]
 
 
-def coloured(i: int, **words: str):
+def coloured_note(i: int, **words: str):
     return note("any.coloured", Severity.WARNING, subject=f"imu[{i}]", percent=i + 2.5, **words)
 
 
 def test_what_is_reported_of_several_channels_is_reported_once():
     first = "any.coloured (percent = 2.5)"
-    assert grouped([coloured(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
-    assert grouped([coloured(0), coloured(0)]) == [f"{first} (2 times)"]
-    assert grouped([coloured(0, of_run="a"), coloured(0, of_run="b")]) == [f"a: {first} (2 times)"]
+    assert grouped([coloured_note(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
+    assert grouped([coloured_note(0), coloured_note(0)]) == [f"{first} (2 times)"]
+    assert grouped([coloured_note(0, of_run="a"), coloured_note(0, of_run="b")]) == [f"a: {first} (2 times)"]
 
 
 def test_what_differs_in_its_words_is_reported_by_itself():
-    differ = [coloured(0, needs="turns"), coloured(1, needs="speed")]
+    differ = [coloured_note(0, needs="turns"), coloured_note(1, needs="speed")]
     assert len(grouped(differ)) == len(grouped([note("any.one"), note("any.other")])) == 2
 
 
 def test_one_reason_stands_beside_the_verdict_and_nothing_is_reported_of_a_rest_that_is_not():
-    assert said(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
+    assert lines_of(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
 
 
-def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(driven, case):
-    fit = identify(driven(0, 2.0), case)
+def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(case_run, case):
+    fit = identify(case_run(0, 2.0), case)
     assert fit.verdict != "USABLE"
     lines = verdict_lines(fit)
     assert len(lines) <= MOST

@@ -21,9 +21,9 @@ def fit(small, runs):
 
 
 def test_a_tape_of_a_later_run_that_is_far_off_is_reported_in_metres(fit):
-    told = [reason for reason in fit.reasons if reason.code == "residual.one-far"]
-    assert len(told) == 1
-    assert (told[0].subject, told[0].figures["measured"], told[0].figures["unit"]) == ("tape[0]", 4.0, "m")
+    far = [reason for reason in fit.reasons if reason.code == "residual.one-far"]
+    assert len(far) == 1
+    assert (far[0].subject, far[0].figures["measured"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
 
 
 def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
@@ -32,7 +32,7 @@ def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
     assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]
     assert units["velocity_walk_std[2]"] == "rad/s^1.5"
     assert "tape[0]" not in units
-    assert not any("tape" in one.subject for one in noise.notes)
+    assert not any("tape" in note.subject for note in noise.notes)
 
 
 def test_the_noise_of_each_channel_is_reported_with_its_unit(fit):

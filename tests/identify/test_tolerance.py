@@ -12,7 +12,7 @@ from tests.codes import of_code
 
 
 @pytest.mark.parametrize(
-    ("told", "python"),
+    ("tolerance", "python"),
     [
         ({"sensors.imu.gyro_scale": 0.01}, {"gyro": 0.01}),
         ({"sensors.imu.accel_scale": 0.05}, {"accel": 0.05}),
@@ -20,21 +20,23 @@ from tests.codes import of_code
         ({}, {}),
     ],
 )
-def test_a_tolerance_of_a_scale_is_the_same_by_its_key_and_by_its_kind(told, python):
+def test_a_tolerance_of_a_scale_is_the_same_by_its_key_and_by_its_kind(tolerance, python):
     car = load("car").with_values({"sensors.imu.gyro_scale": 1.035})
     np.testing.assert_allclose(
-        scales_of(with_tolerance(car, told), "imu"), scales_of(car, "imu", python), rtol=5e-3
+        scales_of(with_tolerance(car, tolerance), "imu"), scales_of(car, "imu", python), rtol=5e-3
     )
 
 
 def test_what_was_told_is_written_with_where_it_comes_from():
-    told = with_tolerance(load("car"), {"sensors.imu.gyro_scale": 0.01}).provenance["sensors.imu.gyro_scale"]
-    assert told.run == "told, ± 1 %"
-    assert told.sd == pytest.approx(0.01 / np.sqrt(3.0) * load("car").sensors.imu.gyro_scale, rel=5e-3)
+    provenance = with_tolerance(load("car"), {"sensors.imu.gyro_scale": 0.01}).provenance[
+        "sensors.imu.gyro_scale"
+    ]
+    assert provenance.run == "told, ± 1 %"
+    assert provenance.sd == pytest.approx(0.01 / np.sqrt(3.0) * load("car").sensors.imu.gyro_scale, rel=5e-3)
 
 
 @pytest.mark.parametrize(
-    ("told", "says"),
+    ("tolerance", "code"),
     [
         ({"sensors.imu.gyr": 0.01}, "tolerance.no-scale"),
         ({"sensors.odometer.scale": 0.01}, "tolerance.no-scale"),
@@ -42,13 +44,13 @@ def test_what_was_told_is_written_with_where_it_comes_from():
         ({"sensors.imu.gyro_scale": 0.0}, "tolerance.no-part"),
     ],
 )
-def test_what_is_not_a_scale_or_no_part_of_one_is_refused(told, says):
-    with pytest.raises(UsageError, check=of_code(says)):
-        with_tolerance(load("car"), told)
+def test_what_is_not_a_scale_or_no_part_of_one_is_refused(tolerance, code):
+    with pytest.raises(UsageError, check=of_code(code)):
+        with_tolerance(load("car"), tolerance)
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("--use imu --tolerance sensors.imu.gyro_scale", "expected KEY=PART"),
         (
@@ -61,11 +63,11 @@ def test_what_is_not_a_scale_or_no_part_of_one_is_refused(told, says):
         ),
     ],
 )
-def test_a_tolerance_that_would_do_nothing_is_refused(tmp_path, monkeypatch, capsys, line, says):
+def test_a_tolerance_that_would_do_nothing_is_refused(tmp_path, monkeypatch, capsys, line, message):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
         main(["simulate", "--vehicle", "car", "--seconds", "2", "-o", "car.mcap"])
     with pytest.raises(SystemExit) as end:
         main(["identify", "car.mcap", "--vehicle", "car", *line.split()])
     assert end.value.code == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -53,12 +53,12 @@ def small():
 def test_the_scale_is_in_its_interval_and_the_interval_is_not_wide(small):
     inside, wide, usable = 0, [], 0
     for seed in range(200):
-        found = by_hand(by_hand_log((2, -2) if seed % 2 else (2, 2, -2), seed), small)
-        row = found.rows()[0]
+        calibration = by_hand(by_hand_log((2, -2) if seed % 2 else (2, 2, -2), seed), small)
+        row = calibration.rows()[0]
         inside += row["low"] < SCALE < row["high"]
         assert row["name"] == NAME
         wide.append(row["high"] - row["low"])
-        usable += found.verdict == "USABLE"
+        usable += calibration.verdict == "USABLE"
     assert 180 <= inside <= 198
     assert np.median(wide) < 0.018
     assert usable >= 190, "once in a hundred times a hand seems careless"
@@ -72,9 +72,9 @@ def test_the_bias_is_that_of_its_rests(small):
 
 
 def test_a_rest_in_the_midst_of_a_turn_is_off_the_mark(small):
-    found = by_hand(by_hand_log((2,), pause=True), small)
-    assert found.value(NAME) == pytest.approx(SCALE, abs=0.012)
-    assert "2 turns by hand, between 2 rests on a mark" in found.table()
+    calibration = by_hand(by_hand_log((2,), pause=True), small)
+    assert calibration.value(NAME) == pytest.approx(SCALE, abs=0.012)
+    assert "2 turns by hand, between 2 rests on a mark" in calibration.table()
 
 
 def test_a_careless_hand_widens_the_interval(small):
@@ -105,8 +105,8 @@ def test_a_run_that_only_rests_says_what_to_do(small):
 def test_a_silence_and_the_end_of_the_range_are_refused(small):
     run = by_hand_log()
     t_ns, _, z = run.sensors["imu"]
-    heard = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
-    silent = Channel(t_ns[heard], t_ns[heard], z[heard])
+    has = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
+    silent = Channel(t_ns[has], t_ns[has], z[has])
     with pytest.raises(UsageError, check=of_code("turns.silent")):
         by_hand(replace(run, sensors={"imu": silent}), small)
     z = z.copy()
@@ -134,9 +134,9 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
     monkeypatch.chdir(tmp_path)
     small.save(tmp_path / "vehicle.toml")
     write_run(by_hand_log(), tmp_path / "turned.mcap")
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["runs", "calibrate", "turned.mcap", "--update", "--json"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     assert reply["verdict"] == "USABLE"
     file = load(tmp_path / "vehicle.toml")
@@ -145,9 +145,11 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
 
 
 def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
-    found = by_hand(by_hand_log((2, -2)), small)
-    after = found.updated(small)
-    assert after.value(f"{NAME}_std") == pytest.approx(found.numbers[0].sd / found.numbers[0].value)
+    calibration = by_hand(by_hand_log((2, -2)), small)
+    after = calibration.updated(small)
+    assert after.value(f"{NAME}_std") == pytest.approx(
+        calibration.numbers[0].sd / calibration.numbers[0].value
+    )
     assert "gyro_bias_std" not in after.text  # a rest today does not tell how it comes back
     route = circle(0.6, 0.2)
     wide, narrow = (corridor_ahead(file, route, 3).rows()[-1] for file in (small, after))

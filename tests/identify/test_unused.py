@@ -16,28 +16,28 @@ def with_more(run, **sizes: int):
     return replace(run, sensors=run.sensors | {name: channel(m) for name, m in sizes.items()})
 
 
-def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(driven, case):
-    run = with_more(driven(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
-    said = unused([run, run], case)
-    assert len(said) == 2, "once for all runs, and nothing of battery and temperature"
-    assert [one.code for one in said] == ["use.not-in-file"] * 2
-    assert said[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
-    assert said[1].figures["kind"] == "wheels"
-    assert unused([driven(0, 2.0)], case) == []
+def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(case_run, case):
+    run = with_more(case_run(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
+    notes = unused([run, run], case)
+    assert len(notes) == 2, "once for all runs, and nothing of battery and temperature"
+    assert [note.code for note in notes] == ["use.not-in-file"] * 2
+    assert notes[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
+    assert notes[1].figures["kind"] == "wheels"
+    assert unused([case_run(0, 2.0)], case) == []
 
 
-def test_it_is_reported_before_the_fit_unless_sensors_are_named(driven, tmp_path, monkeypatch, capsys):
+def test_it_is_reported_before_the_fit_unless_sensors_are_named(case_run, tmp_path, monkeypatch, capsys):
     import pytest
 
     from baqueano.cli import main
     from baqueano.runs import write_run
 
     monkeypatch.chdir(tmp_path)
-    write_run(with_more(driven(0, 5.0), odometer=1), tmp_path / "run.mcap")
-    told = []
+    write_run(with_more(case_run(0, 5.0), odometer=1), tmp_path / "run.mcap")
+    texts = []
     for use in ([], ["--use", "imu"]):
         with pytest.raises(SystemExit):
             main(["identify", "run.mcap", "--vehicle", "case-study-1", "--no-noise", *use])
-        told.append("has sensor odometer, which" in capsys.readouterr().err)
-    assert told == [True, False]
+        texts.append("has sensor odometer, which" in capsys.readouterr().err)
+    assert texts == [True, False]
     assert load("case-study-1").sensors._fields == ("imu",)

@@ -42,37 +42,37 @@ def fit(small):
 
 
 def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
-    found = validate(fit, [run(small, 2), run(small, 3)])
-    assert found.verdict == "USABLE"
-    assert [f.run for f in found.figures] == ["run 2"] * 3 + ["run 3"] * 3
+    validation = validate(fit, [run(small, 2), run(small, 3)])
+    assert validation.verdict == "USABLE"
+    assert [f.run for f in validation.figures] == ["run 2"] * 3 + ["run 3"] * 3
     noise = {f"imu[{k}]": s for k, s in enumerate(fit.sigma["imu"])}
-    for figure in found.figures:
+    for figure in validation.figures:
         assert figure.error == pytest.approx(noise[figure.channel], rel=0.15)
         assert figure.explained == pytest.approx(figure.on_own_runs, abs=0.1)
 
 
 def test_another_vehicle_is_not_explained(fit, small):
-    turned = -np.asarray(small.value("model.actuator_matrix"))
-    found = validate(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
-    assert found.verdict == "REFUSED"
+    turned_matrix = -np.asarray(small.value("model.actuator_matrix"))
+    validation = validate(fit, run(small, 4, **{"model.actuator_matrix": turned_matrix.tolist()}))
+    assert validation.verdict == "REFUSED"
     assert ("validation.worse-than-mean", "imu[2]", "run 4") in [
-        (one.code, one.subject, one.figures.get("run")) for one in found.reasons
+        (reason.code, reason.subject, reason.figures.get("run")) for reason in validation.reasons
     ]
-    assert "REFUSED" in found.table()
+    assert "REFUSED" in validation.table()
 
 
 def test_a_bias_of_the_unseen_run_is_not_held_against_the_model(fit, small):
-    found = validate(
+    validation = validate(
         fit, run(small, 5, **{"sensors.imu.gyro_bias": 0.1, "sensors.imu.accel_bias": [1.0, -1.0]})
     )
-    assert found.verdict == "USABLE"
+    assert validation.verdict == "USABLE"
 
 
 def test_errors_on_unseen_runs_have_their_units(fit, small):
-    found = validate(fit, run(small, 2))
-    assert [f.unit for f in found.figures] == ["m/s²", "m/s²", "rad/s"]
-    assert [row["unit"] for row in found.rows()] == ["m/s²", "m/s²", "rad/s"]
-    assert "rad/s" in found.table()
+    validation = validate(fit, run(small, 2))
+    assert [f.unit for f in validation.figures] == ["m/s²", "m/s²", "rad/s"]
+    assert [row["unit"] for row in validation.rows()] == ["m/s²", "m/s²", "rad/s"]
+    assert "rad/s" in validation.table()
 
 
 def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
@@ -86,37 +86,37 @@ def test_a_run_that_was_fitted_to_cannot_judge(fit, small):
 
 
 def test_students_quantile_is_that_of_the_tables_also_for_few_degrees_of_freedom():
-    for freedom, said in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
-        assert students(0.995, freedom) == pytest.approx(said, rel=3e-3)
-        assert students(0.005, freedom) == pytest.approx(-said, rel=3e-3)
+    for freedom, quantile in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
+        assert students(0.995, freedom) == pytest.approx(quantile, rel=3e-3)
+        assert students(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
 
 
-def told(here, own, noise=None):
+def alarms_of(blocks, own, noise=None):
     """What is said of blocks with these logarithms of the mean square; `noise`, else that of the own blocks."""
-    square = np.exp(here).mean()
+    square = np.exp(blocks).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
     figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
-    return _against(figure, _ChannelError(square, 0.0, here, 5.0 * np.arange(len(here))), own)
+    return _against(figure, _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks))), own)
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
 def test_blocks_that_scatter_alike_are_distinguished_in_one_case_of_a_hundred_at_most(count, own):
     """Also where the error is always large enough. More than 36 of 2,000 would come once in 2,000 tests by chance."""
     rng = np.random.default_rng(0)
-    alarms = [told(rng.normal(size=count), rng.normal(size=own), noise=1e-9) for _ in range(2000)]
+    alarms = [alarms_of(rng.normal(size=count), rng.normal(size=own), noise=1e-9) for _ in range(2000)]
     assert sum(map(len, alarms)) <= 36
 
 
 def test_a_run_that_is_far_off_is_reported_with_few_blocks_too():
     rng = np.random.default_rng(0)
     for count, own in ((2, 2), (3, 3), (1, 6)):
-        said = told(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
-        assert said[0].code == "validation.off", (count, own)
+        alarms = alarms_of(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
+        assert alarms[0].code == "validation.off", (count, own)
 
 
 def test_of_a_single_block_on_both_sides_it_is_reported_that_it_tells_nothing_of_chance():
-    assert told(np.array([2.0]), np.array([0.0]))[0].code == "validation.off-perhaps"
-    assert told(np.array([0.5]), np.array([0.0])) == []
+    assert alarms_of(np.array([2.0]), np.array([0.0]))[0].code == "validation.off-perhaps"
+    assert alarms_of(np.array([0.5]), np.array([0.0])) == []
 
 
 def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
@@ -124,11 +124,11 @@ def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
     imu = second.sensors["imu"]
     deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
     fit = identify([first, replace(second, sensors={"imu": deaf})], small, options=FitOptions(diagnose=False))
-    found = validate(fit, run(small, 2))
+    validation = validate(fit, run(small, 2))
     own = {f"{c.sensor}[{c.entry}]": c.explained for c in fit.channels if c.run == "run 1"}
-    assert [f.channel for f in found.figures] == ["imu[0]", "imu[1]", "imu[2]"]
-    assert found.figures[2].on_own_runs == pytest.approx(own["imu[2]"])
-    assert "nan" not in found.table()
+    assert [f.channel for f in validation.figures] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert validation.figures[2].on_own_runs == pytest.approx(own["imu[2]"])
+    assert "nan" not in validation.table()
 
 
 @pytest.mark.parametrize(("backend", "seconds"), [("auto", 4.0), ("numpy", 1.5)])
@@ -144,14 +144,14 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
     free = ["model.velocity_matrix[0,0]", "model.velocity_matrix[2,2]"]
     fit = identify(runs[0], file, free, options=FitOptions(backend=backend))
     assert fit.own_names == ()
-    found = validate(fit, runs[1])
-    assert [f.channel for f in found.figures] == ["wheels[0]", "wheels[1]"]
-    assert min(f.explained for f in found.figures) > 0.9
+    validation = validate(fit, runs[1])
+    assert [f.channel for f in validation.figures] == ["wheels[0]", "wheels[1]"]
+    assert min(f.explained for f in validation.figures) > 0.9
 
 
 def test_a_figure_that_says_nothing_is_not_reported_with_a_hundred_digits():
-    lost = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
-    table = Validation((lost, lost._replace(noise=1e-9)), (), (), (), "").table()
+    lost_figure = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
+    table = Validation((lost_figure, lost_figure._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table
     assert "below -100 %" in table
     assert "over 1000×" in table

@@ -25,14 +25,14 @@ def small():
     return override(load("small"), ["model.drivetrain.limit=[inf]"])
 
 
-def emptied(small, effect, seed, start_v=7.8, end_v=6.8, told=True):
+def emptied(small, effect, seed, start_v=7.8, end_v=6.8, with_battery=True):
     """A run while the battery goes from one voltage to the other: a vehicle at V₀ under u (1 + κ (V/V₀ − 1))."""
     u = random_steps(small.command.limit, 20.0, small.rate_hz, seed, hold_s=0.5)
     volts = np.linspace(start_v, end_v, len(u))
     run = simulate(small, u * (1.0 + effect * (volts / NOMINAL_V - 1.0))[:, None], seed)
     at = np.arange(0, len(u), 20)
-    said = {"battery": Channel(run.t_ns[at], run.t_ns[at], volts[at][:, None])} if told else {}
-    return replace(run, applied=u, sensors={**run.sensors, **said})
+    battery = {"battery": Channel(run.t_ns[at], run.t_ns[at], volts[at][:, None])} if with_battery else {}
+    return replace(run, applied=u, sensors={**run.sensors, **battery})
 
 
 @pytest.mark.parametrize("effect", [1.0, 0.4])
@@ -57,13 +57,13 @@ def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):
     """The file says battery = "logged"."""
     fit = identify(emptied(small, 0.4, 1), small, FREE)
     assert fit.vehicle_file.vehicle.drivetrain.battery == "logged"
-    again = identify(emptied(small, 0.4, 2), fit.vehicle_file, FREE[:2])
-    assert again.verdict == "USABLE"
+    second = identify(emptied(small, 0.4, 2), fit.vehicle_file, FREE[:2])
+    assert second.verdict == "USABLE"
 
 
 def test_without_a_voltage_its_effect_is_not_looked_for(small):
     with pytest.raises(UsageError, check=of_code("battery.no-voltage")):
-        identify(emptied(small, 1.0, 1, told=False), small, FREE)
+        identify(emptied(small, 1.0, 1, with_battery=False), small, FREE)
 
 
 def test_a_voltage_that_is_not_that_of_the_file_is_refused(small):

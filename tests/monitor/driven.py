@@ -42,21 +42,21 @@ def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
         file = file.with_values({"estimator.use": ["imu", "odometer"]})
     file = file.with_values({path: factor * file.value(path) for path, factor in wrong})
     estimator = compiled(file.estimator())
-    sensors, why = watched(file, estimator)
-    assert sensors is not None, why
+    sensors, reason = watched(file, estimator)
+    assert sensors is not None, reason
     return Kind(file, estimator, sensors)
 
 
 @cache
 def drives(kind: str, count: int) -> tuple[Run, ...]:
     """Return drives of one vehicle of the independent truth, each with its own commands and noise."""
-    one, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
-    u = [one._replace(seed=seed).signal(SECONDS) for seed in range(count)]
+    robot, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
+    u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
     t_ns = times(len(u[0]), file.rate_hz)
-    shown = driven(one.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
+    motion = driven(robot.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
     runs = []
     for k in range(count):
-        run = recorded(shown, k, u[k], file, f"{kind} {k}", k)
+        run = recorded(motion, k, u[k], file, f"{kind} {k}", k)
         runs.append(
             replace(run, sensors=run.sensors | {"wheels": _wheels(run, k)}) if kind == "wheels" else run
         )
@@ -68,7 +68,7 @@ def watch(
 ) -> tuple[list[Finding], Watching]:
     """Return each finding when it began, and again when it was DEGRADED; and the monitor afterwards."""
     file, estimator, sensors = kind_of(kind, tuple(wrong.items()))
-    belief, found = estimator.init(), []
+    belief, findings = estimator.init(), []
     sensors.begin()
     for tick in run.ticks():
         tick = tick._replace(
@@ -77,29 +77,29 @@ def watch(
         belief, estimate = estimator.step(belief, tick)
         for notice in sensors.update(tick, estimate):
             if notice.finding is not None:
-                found.append(notice.finding)
-    return found, sensors
+                findings.append(notice.finding)
+    return findings, sensors
 
 
-def damaged(run: Run, sensor: str, numbers: Sequence[int], how: str, limit: float = np.inf) -> Run:
+def damaged_run(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit: float = np.inf) -> Run:
     """Return the run with a fault from FROM_S on."""
     z, at, k = run.sensors[sensor].z.copy(), run.t_s >= FROM_S, list(numbers)
     first = int(np.argmax(at))
-    if how == "frozen":
+    if fault == "frozen":
         z[np.ix_(at, k)] = z[first, k]
-    elif how == "full scale":
+    elif fault == "full scale":
         z[np.ix_(at, k)] = limit
-    elif how == "half":
+    elif fault == "half":
         z[np.ix_(at, k)] *= 0.5
-    elif how == "slip":
+    elif fault == "slip":
         z[np.ix_(at, k)] += 0.6 * np.sign(z[np.ix_(at, k)])
-    elif how == "zeroes itself":  # takes the mean of the last 0.4 s for its bias
+    elif fault == "zeroes itself":  # takes the mean of the last 0.4 s for its bias
         mean = np.cumsum(z[:, k], axis=0)
         mean[40:] -= mean[:-40].copy()
         z[np.ix_(at, k)] -= mean[at] / 40.0
-    elif how == "zero":
+    elif fault == "zero":
         z[np.ix_(at, k)] = 0.0
-    elif how == "not a number":
+    elif fault == "not a number":
         z[np.ix_(at, k)] = np.nan
     return replace(run, sensors=run.sensors | {sensor: run.sensors[sensor]._replace(z=z)})
 

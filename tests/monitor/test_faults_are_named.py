@@ -20,7 +20,7 @@ from baqueano.monitor.findings import (
     UNKNOWN,
     ZERO,
 )
-from tests.monitor.driven import FROM_S, damaged, drives, kind_of, watch
+from tests.monitor.driven import FROM_S, damaged_run, drives, kind_of, watch
 
 DRIVES = 3
 TOLD_S = 5.0
@@ -53,21 +53,21 @@ def test_a_sensor_that_is_off_is_named_and_never_the_model(kind, name, fault, lo
     sensor, number = name[:-3], int(name[-2])
     limit = getattr(getattr(kind_of(kind).file.sensors, sensor), "limit", np.full(3, np.inf))[number]
     for run in drives(kind, DRIVES):
-        bad = damaged(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
-        found, sensors = watch(kind, bad)
-        begun, *later = [one for one in found if one.name == name]
-        told_s = 1e-9 * begun.t_ns - FROM_S
+        bad = damaged_run(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
+        findings, sensors = watch(kind, bad)
+        first_finding, *later = [finding for finding in findings if finding.name == name]
+        told_s = 1e-9 * first_finding.t_ns - FROM_S
         assert EVENT_S - 0.02 <= told_s <= TOLD_S
-        assert not begun.degraded
-        assert {one.off for one in found} <= {SENSOR, UNKNOWN}
-        assert {one.name for one in found} == {name}
+        assert not first_finding.degraded
+        assert {finding.off for finding in findings} <= {SENSOR, UNKNOWN}
+        assert {finding.name for finding in findings} == {name}
         for worse in later:
             assert not worse.degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
-        last = found[-1]
+        last = findings[-1]
         assert last.looks in looks
         assert last.diagnostic.subject == name
         if sensors.degraded:
-            assert [one.name for one in sensors.degraded] == [name]
+            assert [sensor.name for sensor in sensors.degraded] == [name]
 
 
 @pytest.mark.parametrize(
@@ -79,8 +79,8 @@ def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagre
     """Wheels, gyro and model; without wheels a_y by ν_x ν_ψ. One of DRIVES may stay without a witness."""
     off = []
     for run in drives(kind, DRIVES):
-        found, _ = watch(kind, damaged(run, name[:-3], [int(name[-2])], fault))
-        off += [one.off for one in found if one.degraded and one.name == name][:1]
+        findings, _ = watch(kind, damaged_run(run, name[:-3], [int(name[-2])], fault))
+        off += [finding.off for finding in findings if finding.degraded and finding.name == name][:1]
     assert len(off) == DRIVES
     assert off.count(SENSOR) >= DRIVES - 1
 
@@ -88,8 +88,8 @@ def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagre
 @pytest.mark.parametrize("kind", ["robot", "wheels"])
 def test_a_model_that_turns_half_as_hard_is_not_taken_for_a_gyro_that_is_off(kind):
     """The vehicle of the independent truth turns as its sensors say; the file is wrong."""
-    found, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": 0.5})
-    gyro = [one for one in found if one.name == "imu[2]"]
+    findings, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": 0.5})
+    gyro = [finding for finding in findings if finding.name == "imu[2]"]
     assert gyro
-    assert {one.off for one in gyro} <= {MODEL, UNKNOWN}
+    assert {finding.off for finding in gyro} <= {MODEL, UNKNOWN}
     assert gyro[-1].off == MODEL

@@ -10,8 +10,8 @@ from tests.monitor.driven import drives, watch
 @pytest.mark.parametrize("kind", ["robot", "wheels", "car"])
 def test_nothing_is_reported_of_sensors_that_are_whole(kind):
     for run in drives(kind, 10):
-        found, sensors = watch(kind, run)
-        assert [one.diagnostic for one in found] == []
+        findings, sensors = watch(kind, run)
+        assert [finding.diagnostic for finding in findings] == []
         assert sensors.degraded == ()
 
 
@@ -20,9 +20,9 @@ def test_refusals_are_counted_by_number():
     z = run.sensors["imu"].z.copy()
     z[200:1200:100, 2] += 8.0  # ten spikes of the gyro, alone
     z[1500, 1] = np.nan
-    spiked = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
-    _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked))
-    assert [one.name for one in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
-    assert [one.refused for one in sensors.refusals] == [0, 0, 10]
+    spiked_sensors = run.sensors | {"imu": run.sensors["imu"]._replace(z=z)}
+    _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked_sensors))
+    assert [refusal.name for refusal in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert [refusal.refused for refusal in sensors.refusals] == [0, 0, 10]
     assert counted(sensors.refusals).figures["imu[2].refused"] == 10
-    assert [one.arrived for one in sensors.refusals] == [len(z), len(z) - 1, len(z)]
+    assert [refusal.arrived for refusal in sensors.refusals] == [len(z), len(z) - 1, len(z)]

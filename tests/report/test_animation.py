@@ -33,8 +33,8 @@ def svg(run):
 
 
 def elements(svg, kind):
-    found = tree.fromstring(svg).iter("{http://www.w3.org/2000/svg}" + kind)
-    return list(found)
+    children = tree.fromstring(svg).iter("{http://www.w3.org/2000/svg}" + kind)
+    return list(children)
 
 
 def test_the_picture_is_one_small_file_without_script_or_network(svg):
@@ -46,9 +46,9 @@ def test_the_picture_is_one_small_file_without_script_or_network(svg):
 
 
 def test_every_motion_that_is_played_exists_and_begins_and_ends(svg):
-    played = set(re.findall(r"animation:(\w+) ", svg))
+    animations = set(re.findall(r"animation:(\w+) ", svg))
     frames = dict(re.findall(r"@keyframes (\w+)\{((?:[\d.]+%\{[^}]*\})+)\}", svg))
-    assert played == frames.keys()
+    assert animations == frames.keys()
     for name, steps in frames.items():
         parts = [float(part) for part in re.findall(r"([\d.]+)%\{", steps)]
         assert parts == sorted(parts), name
@@ -59,17 +59,17 @@ def test_every_motion_that_is_played_exists_and_begins_and_ends(svg):
 def test_it_stands_still_on_demand_and_suits_a_dark_page(svg):
     assert "@media(prefers-reduced-motion:reduce){*{animation:none!important}}" in svg
     assert "@media(prefers-color-scheme:dark)" in svg
-    hidden = [one for one in elements(svg, "g") if one.get("class") == "gone"]
-    trail = [one for one in elements(svg, "g") if "backwards" in (one.get("style") or "")]
-    still = [one for one in trail if one.get("class") != "gone"]
-    assert 0.4 * len(trail) < len(still) < 0.6 * len(trail), "of two laps the last stays"
-    assert hidden
+    hidden_elements = [element for element in elements(svg, "g") if element.get("class") == "gone"]
+    trail = [element for element in elements(svg, "g") if "backwards" in (element.get("style") or "")]
+    visible = [element for element in trail if element.get("class") != "gone"]
+    assert 0.4 * len(trail) < len(visible) < 0.6 * len(trail), "of two laps the last stays"
+    assert hidden_elements
 
 
 def test_the_vehicle_goes_where_it_was(run, svg):
-    moved = re.search(r"@keyframes v\{(.*?)\}\}", svg)
-    assert moved is not None
-    px = np.array(re.findall(r"translate\((-?[\d.]+)px,(-?[\d.]+)px\)", moved.group()), dtype=float)
+    keyframes = re.search(r"@keyframes v\{(.*?)\}\}", svg)
+    assert keyframes is not None
+    px = np.array(re.findall(r"translate\((-?[\d.]+)px,(-?[\d.]+)px\)", keyframes.group()), dtype=float)
     true = scene(run).vehicle_poses[:, :2]
     fit, *_ = np.linalg.lstsq(np.column_stack([true, np.ones(len(true))]), px, rcond=None)
     assert np.abs(np.column_stack([true, np.ones(len(true))]) @ fit - px).max() < 0.1, "the same shape"
@@ -81,25 +81,25 @@ def test_the_vehicle_goes_where_it_was(run, svg):
 def test_intervals_of_a_fit_narrow_beside_it(run):
     stages = [Stage(10.0, Verdict.WARN, np.array([0.1, np.nan]), np.array([0.5, np.nan])),
               Stage(60.0, Verdict.USABLE, np.array([0.0, 0.01]), np.array([0.05, 0.02]))]  # fmt: skip
-    drawn = animation(scene(run), stages, ["a < b", "c"])
-    first = re.search(r"@keyframes b0\{(.*?)\}\}", drawn)
+    drawing = animation(scene(run), stages, ["a < b", "c"])
+    first = re.search(r"@keyframes b0\{(.*?)\}\}", drawing)
     assert first is not None
     widths = [float(x) for x in re.findall(r"scaleX\(([\d.]+)\)", first.group(1))]
     assert widths[0] > 3.0 * widths[-1]
     assert max(widths) <= 96.0, "no bar leaves its axis"
-    assert "a &lt; b" in drawn
-    assert tree.fromstring(drawn) is not None
+    assert "a &lt; b" in drawing
+    assert tree.fromstring(drawing) is not None
 
 
 def test_a_run_of_which_nobody_knows_the_way_is_refused(run):
     from dataclasses import replace
 
-    with pytest.raises(AnswerNo) as refused:
+    with pytest.raises(AnswerNo) as error_info:
         scene(replace(run, estimate=None, truth=None))
-    assert refused.value.diagnostic.code == "report.nothing-moves"
-    with pytest.raises(UsageError) as other:
+    assert error_info.value.diagnostic.code == "report.nothing-moves"
+    with pytest.raises(UsageError) as caught:
         picture_file("a.gif")
-    assert other.value.diagnostic.code == "report.animation-ending"
+    assert caught.value.diagnostic.code == "report.animation-ending"
 
 
 def test_a_run_without_truth_or_without_estimate_still_moves(run):

@@ -30,15 +30,15 @@ def many():
 
 
 def test_the_table_has_a_line_per_channel_and_names_the_worst_run(many):
-    told = [line for line in many.table().splitlines() if "of 12 runs: noise" in line]
-    assert [line.split()[0] for line in told] == ["odometer[0]", "imu[2]"]
-    assert all(line.endswith("of run-11") for line in told)
+    lines = [line for line in many.table().splitlines() if "of 12 runs: noise" in line]
+    assert [line.split()[0] for line in lines] == ["odometer[0]", "imu[2]"]
+    assert all(line.endswith("of run-11") for line in lines)
 
 
 def test_the_page_draws_the_runs_that_are_explained_least(many):
     page = page_of_fit(many)
-    drawn = [s.title for s in page.sections if s.title.startswith("Data and model")]
-    assert drawn == [f"Data and model: run-{k:02d}" for k in range(12 - DRAWN, 12)]
+    titles = [s.title for s in page.sections if s.title.startswith("Data and model")]
+    assert titles == [f"Data and model: run-{k:02d}" for k in range(12 - DRAWN, 12)]
     assert page.subtitle.startswith("12 runs, run-00 to run-11")
     assert any("Drawn are the 6 runs of 12" in s.text for s in page.sections)
 
@@ -86,9 +86,9 @@ def test_a_table_has_noise_and_what_is_explained_of_every_run(many):
 
 
 def test_a_fit_to_one_run_has_no_table_of_runs(many):
-    one = replace(many, runs=many.runs[:1], channels=tuple(c for c in many.channels if c.run == "run-00"))
-    assert all(s.title != "Runs" for s in page_of_fit(one).sections)
-    assert [h.label for h in page_of_fit(one).headlines] == [
+    single = replace(many, runs=many.runs[:1], channels=tuple(c for c in many.channels if c.run == "run-00"))
+    assert all(s.title != "Runs" for s in page_of_fit(single).sections)
+    assert [h.label for h in page_of_fit(single).headlines] == [
         "noise of odometer [m/s]",
         "noise of ω_z [rad/s]",
     ]
@@ -97,10 +97,13 @@ def test_a_fit_to_one_run_has_no_table_of_runs(many):
 def test_data_and_model_are_drawn_where_most_moves_and_the_caption_says_when(many):
     """A run that rests for 40 s, moves for 20 s and rests again."""
     t_s = 0.02 * np.arange(4000)
-    moved = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)
-    channels = tuple(c._replace(t_s=t_s, measured=moved, predicted=moved) for c in many.channels[:2])
-    for shown, said in ((channels, "20 s from 40 s, with most motion"), (many.channels[:2], "all 3 s")):
-        page = page_of_fit(replace(many, runs=many.runs[:1], channels=shown))
-        drawn = next(s for s in page.sections if s.title.startswith("Data and model")).parts[0]
-        assert isinstance(drawn, Drawing)
-        assert drawn.caption.startswith(f"Sensors and model, {said}.")
+    signal = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)
+    channels = tuple(c._replace(t_s=t_s, measured=signal, predicted=signal) for c in many.channels[:2])
+    for shown_channels, period in (
+        (channels, "20 s from 40 s, with most motion"),
+        (many.channels[:2], "all 3 s"),
+    ):
+        page = page_of_fit(replace(many, runs=many.runs[:1], channels=shown_channels))
+        drawing = next(s for s in page.sections if s.title.startswith("Data and model")).parts[0]
+        assert isinstance(drawing, Drawing)
+        assert drawing.caption.startswith(f"Sensors and model, {period}.")

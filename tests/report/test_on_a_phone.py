@@ -31,8 +31,8 @@ def lines_of(svg):
 
 def test_a_figure_is_drawn_again_as_narrow_as_a_phone_with_the_same_words():
     t = np.linspace(0.0, 10.0, 50)
-    drawn = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
-    wide, narrow = drawn.split("<svg")[1:]
+    drawing = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
+    wide, narrow = drawing.split("<svg")[1:]
     width = float(re.search(r'width="([\d.]+)pt"', narrow)[1])
     assert width == pytest.approx(NARROW_IN * POINTS_PER_IN, rel=0.01)
     assert 9.0 * PHONE_PX / width >= LEAST_PX
@@ -42,8 +42,8 @@ def test_a_figure_is_drawn_again_as_narrow_as_a_phone_with_the_same_words():
 def test_the_two_shapes_of_a_figure_share_no_id():
     t = np.linspace(0.0, 10.0, 50)
     wide, narrow = (
-        set(re.findall(r'id="([mp][0-9a-f]{8,})"', one))
-        for one in draw(figures.over_time([("a", {"truth": (t, t)})]), "c").svg.split("<svg")[1:]
+        set(re.findall(r'id="([mp][0-9a-f]{8,})"', figure))
+        for figure in draw(figures.over_time([("a", {"truth": (t, t)})]), "c").svg.split("<svg")[1:]
     )
     assert wide
     assert not wide & narrow
@@ -62,15 +62,15 @@ def test_only_the_last_lap_has_a_corridor(drive):
     def patches(run):
         return len(re.findall(r"\bz\b", paths(run)[0].svg.split("patch_3")[1][:200_000]))
 
-    one = drive.cut(0.0, drive.duration_s / 3.0)
-    assert patches(drive) < 1.5 * patches(one)
+    lap = drive.cut(0.0, drive.duration_s / 3.0)
+    assert patches(drive) < 1.5 * patches(lap)
 
 
 def test_the_report_of_two_estimators_draws_and_judges_both(drive):
     log = drive.estimate
     off = log._replace(eta=log.eta + np.array([0.1, 0.0, 0.0]))
-    other = replace(drive, name="other", estimate=off, metadata=drive.metadata | {"kind": "replay"})
-    text = page_of_run(other, beside=drive).html()
+    second = replace(drive, name="other", estimate=off, metadata=drive.metadata | {"kind": "replay"})
+    text = page_of_run(second, beside=drive).html()
     assert "Two estimators, one drive" in text
     assert len(re.findall(f">{drive.name}</text>", text)) >= 4  # the path and the errors, both shapes
     assert "at a limit" not in text

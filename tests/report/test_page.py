@@ -156,15 +156,15 @@ def test_an_entry_that_a_vehicle_has_no_use_for_is_not_drawn():
 def test_a_run_with_gaps_and_a_truth_that_was_lost_has_a_page():
     run = a_run()
     assert run.truth is not None
-    lost = TruthLog(
+    lost_truth = TruthLog(
         run.truth.t_ns, run.truth.eta.copy(), np.full((400, 3), np.nan), np.full((400, 3), np.nan)
     )
-    lost.eta[100:200] = np.nan
+    lost_truth.eta[100:200] = np.nan
     z = run.sensors["imu"].z.copy()
     z[50:80] = np.nan
     imu = Channel(run.sensors["imu"].t_ns, run.sensors["imu"].arrival_ns, z)
     none = Channel(imu.t_ns[:0], imu.t_ns[:0], z[:0])
-    text = page_of_run(replace(run, truth=lost, sensors={"imu": imu, "silent": none})).html()
+    text = page_of_run(replace(run, truth=lost_truth, sensors={"imu": imu, "silent": none})).html()
     assert_stands_alone(text)
 
 

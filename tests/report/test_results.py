@@ -33,12 +33,12 @@ def results():
     u = bq.excitation("random_steps", small.command.limit, 10.0, small.rate_hz)
     run = bq.experiment(small, u)
     fit = bq.identify(run, small, ["model.actuator_matrix[0,0]", "model.friction.linear[0]"])
-    driven = bq.repeat(small, circle(0.3, 0.2))
+    repetition = bq.repeat(small, circle(0.3, 0.2))
     return {
-        "run": driven,
+        "run": repetition,
         "fit": fit,
         "comparison": bq.compare(
-            [driven, bq.replay(driven, estimator="dead_reckoning")], names=["one", "other"]
+            [repetition, bq.replay(repetition, estimator="dead_reckoning")], names=["one", "other"]
         ),
         "tuning": bq.tune(small, circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False, duration_s=2.0),
         "forecast": forecast(fit, run),
@@ -51,7 +51,7 @@ def results():
         "vehicle": small,
         "import": ImportedRun(run, ()),
         "first drive": FirstDrive(run, (), (), (), 1.2, np.nan, np.zeros(4)),
-        "validation": validate(fit, driven),
+        "validation": validate(fit, repetition),
         "calibration": Calibration(
             "lab",
             (
@@ -69,9 +69,9 @@ def results():
 def history(fit) -> ParameterHistory:
     """Two runs, in which the second parameter moved."""
     estimate, sd = np.stack([fit.estimate, 1.2 * fit.estimate]), np.stack([fit.sd, fit.sd])
-    moved = ParameterChange(fit.names[1], "N", "step", ("a", "b"), 1.0, 0.1, 1.2, 0.1, 3.0)
+    change = ParameterChange(fit.names[1], "N", "step", ("a", "b"), 1.0, 0.1, 1.2, 0.1, 3.0)
     return ParameterHistory(fit.names, ("N", "N s/m"), ("a", "b"), ("", ""), estimate, sd, estimate, sd, fit.cov,
-                            estimate, sd, np.zeros(2), (moved,), (), fit)  # fmt: skip
+                            estimate, sd, np.zeros(2), (change,), (), fit)  # fmt: skip
 
 
 NAMES = ("run", "fit", "comparison", "tuning", "forecast", "corridor", "many", "first drive", "validation",
@@ -140,15 +140,15 @@ def test_a_drawing_goes_onto_the_axes_or_the_figure_of_the_user_and_leaves_their
     ],
 )  # fmt: skip
 def test_what_cannot_be_drawn_so_says_so(results, options, code):
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         results["run"].plot(**options)
-    assert refused.value.diagnostic.code == code
+    assert error_info.value.diagnostic.code == code
 
 
 def test_what_holds_nothing_to_draw_says_so(results):
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         results["check"].plot()
-    assert refused.value.diagnostic.code == "front.nothing-to-draw"
+    assert error_info.value.diagnostic.code == "front.nothing-to-draw"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -166,10 +166,10 @@ def test_the_data_frame_of_a_run_has_a_row_per_tick(results):
 
 def test_without_pandas_it_says_what_to_type(results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         results["run"].to_pandas()
-    assert refused.value.diagnostic.code == "front.missing"
-    assert refused.value.diagnostic.fix == "pip install pandas"
+    assert error_info.value.diagnostic.code == "front.missing"
+    assert error_info.value.diagnostic.fix == "pip install pandas"
 
 
 def test_the_figures_of_a_report_become_files(results, tmp_path):
@@ -180,15 +180,15 @@ def test_the_figures_of_a_report_become_files(results, tmp_path):
     assert all(path.read_bytes().startswith(b"%PDF") for path in files)
     assert "<iframe" in page._repr_html_()
     assert repr(bq.report(results["fit"])).startswith("Page('Fit of small'")
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         page.save_figures(tmp_path, "gif")
-    assert refused.value.diagnostic.code == "front.format-unknown"
+    assert error_info.value.diagnostic.code == "front.format-unknown"
 
 
 def test_a_report_of_another_result_says_of_what_there_is_one(results):
-    with pytest.raises(UsageError) as refused:
+    with pytest.raises(UsageError) as error_info:
         bq.report(results["many"])
-    assert refused.value.diagnostic.code == "front.no-page"
+    assert error_info.value.diagnostic.code == "front.no-page"
 
 
 def test_a_route_and_a_vehicle_file_print_as_a_line(results):

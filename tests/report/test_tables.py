@@ -113,8 +113,8 @@ def test_all_that_a_drivetrain_may_be_fitted_in_has_a_letter(kind):
 
 @pytest.mark.parametrize("kind", KNOWN)
 def test_all_that_is_fitted_unasked_has_a_letter_of_its_own(kind):
-    known = all_parameters(KNOWN[kind].model, "model")
-    paths = [path for path, p in known if p.role in ("fitted", "gain", "offset", "term")]
+    by_path = all_parameters(KNOWN[kind].model, "model")
+    paths = [path for path, p in by_path if p.role in ("fitted", "gain", "offset", "term")]
     letters = [symbol(path, KNOWN[kind]) for path in paths]
     assert len(letters) > 5
     assert not any("texttt" in letter for letter in letters)

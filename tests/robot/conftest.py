@@ -22,13 +22,13 @@ def programs(tmp_path, monkeypatch):
     place = tmp_path / "bin"
     place.mkdir()
 
-    def put(**scripts):
+    def put_scripts(**scripts):
         for name, text in scripts.items():
             (place / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{tmp_path}/calls\n{text}\n')
             (place / name).chmod(0o755)
         return tmp_path / "calls"
 
-    put(
+    put_scripts(
         ssh='for last; do :; done; exec sh -c "$last"', sudo='[ "$1" = -n ] && shift; exec "$@"',
         **dict.fromkeys(RECORDED, "exit 0"),
         useradd=f"echo {ACCOUNT} >>{tmp_path}/root/etc/passwd",
@@ -36,7 +36,7 @@ def programs(tmp_path, monkeypatch):
     )  # fmt: skip
     monkeypatch.setenv("PATH", f"{place}:/usr/local/bin:/usr/bin:/bin")
     monkeypatch.setattr(install, "THERE", str(tmp_path / "there"))
-    return put
+    return put_scripts
 
 
 @pytest.fixture

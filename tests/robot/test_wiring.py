@@ -14,7 +14,7 @@ BOARD_H = (ROOT / "firmware/uno/board.h").read_text(encoding="utf-8")
 BOARD_C = (ROOT / "firmware/uno/board.c").read_text(encoding="utf-8")
 
 
-def loaded():
+def load_wiring():
     """docs/wiring.py, which is in no package."""
     sys.path.insert(0, str(ROOT / "docs"))
     try:
@@ -23,7 +23,7 @@ def loaded():
         sys.path.pop(0)
 
 
-WIRING = loaded()
+WIRING = load_wiring()
 EITHER = pytest.mark.parametrize("bridge", WIRING.BRIDGES, ids=lambda bridge: bridge.title)
 MACROS = {"pwm": "PWM", "direction 1": "INPUT1", "direction 2": "INPUT2", "standby": "STANDBY", "lamp": "LAMP",
           "mark": "MARK"}  # fmt: skip
@@ -35,15 +35,15 @@ def arduino(port_pin):
     return {"B": f"D{bit + 8}", "C": f"A{bit}", "D": f"D{bit}"}[port]
 
 
-def of(what, channel=0):
+def of(name, channel=0):
     """The pin of the macro in board.c; where it chooses by the channel, that of channel 1 stands first."""
-    line = re.search(rf"#define {MACROS[what]}\b(.*)", BOARD_C)[1]
+    line = re.search(rf"#define {MACROS[name]}\b(.*)", BOARD_C)[1]
     pins = [arduino(name) for name in re.findall(r"P([BCD]\d)\b", line)][::-1]
     assert len(pins) == (2 if "channel" in line else 1), line
     return pins[channel]
 
 
-def drawn(bridge):
+def drawing_of(bridge):
     """(kind, from, to, points) of each wire in the file."""
     tree = ElementTree.parse(ROOT / "docs" / bridge.file)
     for path in tree.iter("{http://www.w3.org/2000/svg}path"):
@@ -53,9 +53,9 @@ def drawn(bridge):
             yield path.get("data-kind"), path.get("data-from"), path.get("data-to"), points
 
 
-def joined(bridge):
+def ends_by_net(bridge):
     """From a pin of the Uno to what it goes to, resistors and supply left out."""
-    pairs = [(a, b) for kind, a, b, _ in drawn(bridge) if kind not in {"ground", "five", "usb"}]
+    pairs = [(a, b) for kind, a, b, _ in drawing_of(bridge) if kind not in {"ground", "five", "usb"}]
     return {a.removeprefix("Uno "): b for a, b in pairs if a.startswith("Uno ") and "10k" not in b}
 
 
@@ -69,7 +69,7 @@ def test_the_drawing_is_the_one_the_script_gives(bridge):
 
 @EITHER
 def test_the_motors_hang_on_the_pins_that_the_firmware_moves(bridge):
-    ends = joined(bridge)
+    ends = ends_by_net(bridge)
     assert [ends[of("pwm", k)] for k in (0, 1)] == [f"bridge {name}" for name in bridge.pwm]
     inputs = [of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2)]
     assert [ends[pin] for pin in inputs] == [f"bridge {name}" for name in bridge.direction]
@@ -78,7 +78,7 @@ def test_the_motors_hang_on_the_pins_that_the_firmware_moves(bridge):
 
 @EITHER
 def test_encoders_and_mark_hang_on_the_pins_that_the_firmware_reads(bridge):
-    ends = joined(bridge)
+    ends = ends_by_net(bridge)
     order = re.search(r"A left, A right, B left, B right from (.*)\.", BOARD_C)[1].split(", ")
     assert [ends[pin] for pin in order] == [f"encoder, {s} {c}" for c in "AB" for s in ("left", "right")]
     assert ends[of("mark")] == "lap mark sensor OUT"
@@ -95,8 +95,8 @@ def test_the_table_of_the_header_is_what_the_program_does():
 
 @EITHER
 def test_fw3_every_pin_that_lets_a_motor_run_is_held_low_while_the_uno_starts(bridge):
-    held = {a for _, a, b, _ in drawn(bridge) if b.startswith("10k of")}
-    assert held == {
+    low_pins = {a for _, a, b, _ in drawing_of(bridge) if b.startswith("10k of")}
+    assert low_pins == {
         f"Uno {pin}"
         for pin in (of("pwm"), of("pwm", 1), of("standby"))
         if bridge.standby or pin != of("standby")
@@ -110,7 +110,7 @@ def test_a_header_without_its_table_is_refused():
 
 def stretches(bridge):
     """The straight parts of all wires, each with its wire's number."""
-    for number, (_, _, _, points) in enumerate(drawn(bridge)):
+    for number, (_, _, _, points) in enumerate(drawing_of(bridge)):
         for a, b in pairwise(points):
             yield number, min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
 
@@ -120,10 +120,10 @@ def test_no_wire_lies_on_another(bridge):
     """Crossing at right angles is allowed, running along one another is not."""
     parts = list(stretches(bridge))
     for number, x0, y0, x1, y1 in parts:
-        for other, u0, v0, u1, v1 in parts:
+        for second, u0, v0, u1, v1 in parts:
             along = min(x1, u1) - max(x0, u0) + min(y1, v1) - max(y0, v0)
             same_line = (x0 == x1 == u0 == u1) or (y0 == y1 == v0 == v1)
-            assert number == other or not same_line or along <= 0.0, (x0, y0, x1, y1, u0, v0, u1, v1)
+            assert number == second or not same_line or along <= 0.0, (x0, y0, x1, y1, u0, v0, u1, v1)
 
 
 @EITHER

@@ -26,10 +26,10 @@ def drives_itself(route, atol=2e-3):
 def test_cut_parts_join_to_the_whole():
     whole = ROUTES["slalom"]
     parts = cut(whole, 0.0, 1.0), cut(whole, way(whole.eta[:, :2])[len(cut(whole, 0.0, 1.0).t_s) - 1])
-    again = join(*parts)
-    np.testing.assert_allclose(again.eta, whole.eta, atol=1e-12)
-    np.testing.assert_allclose(again.t_s, whole.t_s, atol=1e-12)
-    np.testing.assert_array_equal(again.nu, whole.nu)
+    whole_again = join(*parts)
+    np.testing.assert_allclose(whole_again.eta, whole.eta, atol=1e-12)
+    np.testing.assert_allclose(whole_again.t_s, whole.t_s, atol=1e-12)
+    np.testing.assert_array_equal(whole_again.nu, whole.nu)
 
 
 def test_a_joined_route_that_comes_back_is_closed():
@@ -43,13 +43,13 @@ def test_a_joined_route_that_comes_back_is_closed():
 @pytest.mark.parametrize("backing", [False, True])
 def test_a_route_turned_round_passes_the_same_places_and_drives_itself(name, backing):
     route = moved(ROUTES[name], np.array([1.0, -2.0, 0.7]))
-    other = reverse(route, backing)
-    np.testing.assert_allclose(other.eta[::-1, :2], route.eta[:, :2])
-    assert other.t_s[0] == 0.0
-    assert other.t_s[-1] == route.t_s[-1]
+    reversed_route = reverse(route, backing)
+    np.testing.assert_allclose(reversed_route.eta[::-1, :2], route.eta[:, :2])
+    assert reversed_route.t_s[0] == 0.0
+    assert reversed_route.t_s[-1] == route.t_s[-1]
     drives_itself(route)
-    drives_itself(other)
-    np.testing.assert_allclose(reverse(other, backing).nu, route.nu)
+    drives_itself(reversed_route)
+    np.testing.assert_allclose(reverse(reversed_route, backing).nu, route.nu)
 
 
 def test_a_larger_route_keeps_its_speed_and_its_shape():
@@ -61,11 +61,11 @@ def test_a_larger_route_keeps_its_speed_and_its_shape():
 
 def test_points_become_a_route_near_them_that_drives_itself():
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    for closed in (False, True):
-        route = through_points(corners, 0.2, closed)
+    for is_closed in (False, True):
+        route = through_points(corners, 0.2, is_closed)
         near = np.min(np.hypot(*(route.eta[:, None, :2] - corners).transpose(2, 0, 1)), axis=0)
         assert np.max(near) < 0.05
-        assert route.closed == closed
+        assert route.closed == is_closed
         drives_itself(route, atol=0.05)
     assert np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi)) == 1.0
     np.testing.assert_allclose(route.eta[-1, :2], route.eta[0, :2], atol=1e-9)
@@ -85,7 +85,7 @@ def test_a_steady_speed_leaves_stops_out():
 def test_what_makes_no_route_is_refused():
     route = circle(0.5, 0.2)
     backward = route._replace(nu=np.where(np.arange(1441)[:, None] < 700, route.nu, -route.nu))
-    for code, made in {
+    for code, make_route in {
         "route.cut": lambda: cut(route, 2.0, 1.0),
         "route.factor": lambda: scale(route, 0.0),
         "route.speed": lambda: at_speed(route, float("nan")),
@@ -100,5 +100,5 @@ def test_what_makes_no_route_is_refused():
         ),
     }.items():
         with refused(code, UsageError):
-            made()
+            make_route()
     assert rectangle(1.0, 1.0, 0.2, 0.2).closed

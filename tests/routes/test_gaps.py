@@ -15,7 +15,7 @@ def without(route, first, last):
 
 
 def codes(route):
-    return [one.code for one in examine(route).findings]
+    return [finding.code for finding in examine(route).findings]
 
 
 def test_missing_samples_of_a_line_are_a_gap_where_they_are():
@@ -34,8 +34,8 @@ def test_a_chord_across_a_circle_is_a_gap():
 
 def test_poses_too_sparse_for_their_turn_are_a_gap_and_enough_of_them_are_not():
     lap = circle(0.5, 0.2)
-    for every, found in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
-        assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == found
+    for every, expected in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
+        assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == expected
 
 
 @pytest.mark.parametrize("name", ["t_s", "eta", "nu"])
@@ -43,8 +43,8 @@ def test_a_value_that_is_not_finite_is_named_by_its_row(name):
     lap = circle(0.5, 0.2)
     rows = getattr(lap, name).copy()
     rows[30:32] = np.nan
-    (one,) = examine(lap._replace(**{name: rows}), load("small")).findings
-    assert (one.code, one.figures) == ("route.no-number", {"row": 31, "count": 2})
+    (finding,) = examine(lap._replace(**{name: rows}), load("small")).findings
+    assert (finding.code, finding.figures) == ("route.no-number", {"row": 31, "count": 2})
 
 
 def test_a_stop_and_a_start_from_rest_are_no_gaps():
@@ -66,5 +66,5 @@ DRAWN = {
 def test_drawn_and_edited_routes_have_no_gaps(name):
     route = DRAWN[name]
     part = cut(route, 0.1, 0.9)
-    for one in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
-        assert codes(one) == []
+    for edited_route in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
+        assert codes(edited_route) == []

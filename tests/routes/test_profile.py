@@ -74,8 +74,10 @@ def test_the_fastest_lap_is_driven_without_the_limit_and_a_faster_one_is_not(lap
     route = fastest(lap, file)
     shares = []
     for factor in (1.0, 1.33):
-        scaled = route._replace(t_s=route.t_s / factor, nu=route.nu * factor)
-        run = simulate_loop(file, scaled, controller=PdFeedforward(file.vehicle, limit=file.command.limit))
+        scaled_route = route._replace(t_s=route.t_s / factor, nu=route.nu * factor)
+        run = simulate_loop(
+            file, scaled_route, controller=PdFeedforward(file.vehicle, limit=file.command.limit)
+        )
         assert run.requested is not None
         wheels = np.abs(run.requested[:, 0]) + np.abs(run.requested[:, 2])
         shares.append(np.mean(wheels > 0.97))

@@ -46,24 +46,24 @@ def bend(route):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_jerky_drive_is_smooth_within_two_centimetres(seed):
-    taught = by_keys(seed)
-    route = smooth(taught, 0.02)
-    off = off_path(route, taught.eta[::5, :2])
+    taught_route = by_keys(seed)
+    route = smooth(taught_route, 0.02)
+    off = off_path(route, taught_route.eta[::5, :2])
     assert np.sqrt(np.mean(off**2)) <= 0.02
     assert np.max(off) <= 0.05
     assert bend(route) <= 8.0
-    assert bend(route) < 0.4 * np.max(np.abs(taught.nu[50:480, 2] / taught.nu[50:480, 0]))
+    assert bend(route) < 0.4 * np.max(np.abs(taught_route.nu[50:480, 2] / taught_route.nu[50:480, 0]))
     assert np.min(route.nu[:, 0]) > 0.03  # it stands nowhere
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_driver_who_turns_nearly_on_the_spot_becomes_drivable(seed):
     """Raw curvatures of 28 to 43 1/m, as three simulated drivers with keys had: 2 cm rms, 5 cm at most, 8 1/m."""
-    taught = by_keys(seed, turn=3.0, slow=0.09)
-    moves = np.abs(taught.nu[:, 0]) > 0.05
-    assert 28.0 < np.max(np.abs(taught.nu[moves, 2] / taught.nu[moves, 0])) < 45.0
-    route = smooth(taught, 0.02)
-    off = off_path(route, taught.eta[::5, :2])
+    taught_route = by_keys(seed, turn=3.0, slow=0.09)
+    moves = np.abs(taught_route.nu[:, 0]) > 0.05
+    assert 28.0 < np.max(np.abs(taught_route.nu[moves, 2] / taught_route.nu[moves, 0])) < 45.0
+    route = smooth(taught_route, 0.02)
+    off = off_path(route, taught_route.eta[::5, :2])
     assert np.sqrt(np.mean(off**2)) <= 0.02
     assert np.max(off) <= 0.05
     assert bend(route) <= 8.0
@@ -71,22 +71,24 @@ def test_a_driver_who_turns_nearly_on_the_spot_becomes_drivable(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_point_lies_further_off_than_the_largest_distance(seed):
-    taught = by_keys(seed)
-    assert np.max(off_path(smooth(taught, 0.005, "max"), taught.eta[::5, :2])) <= 0.0051
+    taught_route = by_keys(seed)
+    assert np.max(off_path(smooth(taught_route, 0.005, "max"), taught_route.eta[::5, :2])) <= 0.0051
 
 
-@pytest.mark.parametrize("drawn", [circle(0.5, 0.2), slalom(6.0, 0.3, 2, 0.2)], ids=["circle", "slalom"])
-def test_a_smooth_path_stays(drawn):
-    route = smooth(drawn, 0.02)
-    middle = off_path(route, drawn.eta[200:-200:20, :2])
+@pytest.mark.parametrize(
+    "drawn_route", [circle(0.5, 0.2), slalom(6.0, 0.3, 2, 0.2)], ids=["circle", "slalom"]
+)
+def test_a_smooth_path_stays(drawn_route):
+    route = smooth(drawn_route, 0.02)
+    middle = off_path(route, drawn_route.eta[200:-200:20, :2])
     assert np.max(middle) < 1e-3
-    np.testing.assert_allclose(np.ptp(route.eta[:, 2]), np.ptp(drawn.eta[:, 2]), rtol=0.02)
-    assert route.closed == drawn.closed
+    np.testing.assert_allclose(np.ptp(route.eta[:, 2]), np.ptp(drawn_route.eta[:, 2]), rtol=0.02)
+    assert route.closed == drawn_route.closed
 
 
 def test_a_drive_that_comes_back_is_closed():
-    drawn = eight(0.6, 0.2)
-    assert smooth(drawn._replace(closed=False)).closed
+    drawn_route = eight(0.6, 0.2)
+    assert smooth(drawn_route._replace(closed=False)).closed
 
 
 def test_the_velocity_is_that_of_the_poses():

@@ -159,11 +159,11 @@ class Lab:
     def run(self, **format):
         return import_run(self.save(**format))
 
-    def refused(self, said, **format):
-        with pytest.raises(FileError, match=said) as caught:
+    def refused(self, message, **format):
+        with pytest.raises(FileError, match=message) as error_info:
             self.run(**format)
-        assert "\n" not in str(caught.value)
-        return str(caught.value)
+        assert "\n" not in str(error_info.value)
+        return str(error_info.value)
 
     def codes(self, **format):
         return [d.code for d in self.run(**format).doubts]

@@ -23,23 +23,23 @@ LINES = re.findall(r"^baqueano runs .*$", PAGE, re.MULTILINE)
 
 
 def run_line(line):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(shlex.split(line)[1:])
-    assert ended.value.code in (0, None)
+    assert exit_info.value.code in (0, None)
 
 
 def with_keys(lines):
     """The small vehicle's file with these lines of the page."""
     text = tomlkit.parse(load("small").text)
 
-    def put(into, more):
+    def put_value(into, more):
         for key, value in more.items():
             if isinstance(value, dict):
-                put(into.setdefault(key, {}), value)
+                put_value(into.setdefault(key, {}), value)
             else:
                 into[key] = value
 
-    put(text, tomllib.loads(lines))
+    put_value(text, tomllib.loads(lines))
     return tomlkit.dumps(text)
 
 
@@ -67,35 +67,37 @@ def test_a_camera_judges_a_run_by_the_map_of_the_page(tmp_path, monkeypatch):
             x, y, psi = (float(row[f"truth.{name}"]) for name in ("x_m", "y_m", "psi_rad"))
             camera.write(f"{row['t_s']},{1e3 * x},{1e3 * y},{np.degrees(psi)}\n")
     run_line(LINES[1])
-    judged, driven = read_run(Path("judged.mcap")), read_run(next(Path("runs").glob("*.mcap")))
-    np.testing.assert_allclose(judged.applied, driven.applied)
-    np.testing.assert_allclose(judged.sensors["imu"].z, driven.sensors["imu"].z)
-    np.testing.assert_allclose(judged.truth.eta, driven.truth.eta[::4], atol=1e-9)
+    judged_run, driven_run = read_run(Path("judged.mcap")), read_run(next(Path("runs").glob("*.mcap")))
+    np.testing.assert_allclose(judged_run.applied, driven_run.applied)
+    np.testing.assert_allclose(judged_run.sensors["imu"].z, driven_run.sensors["imu"].z)
+    np.testing.assert_allclose(judged_run.truth.eta, driven_run.truth.eta[::4], atol=1e-9)
 
 
 def test_what_the_page_quotes_the_program_says():
     section = PAGE.split("## When it does not work")[1].split("\n## ")[0]
     source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
-    quoted = re.findall(r'"([^"\n]{8,})"', section)
-    assert len(quoted) >= 4
-    assert [words for words in quoted if words not in source] == []
+    quotations = re.findall(r'"([^"\n]{8,})"', section)
+    assert len(quotations) >= 4
+    assert [words for words in quotations if words not in source] == []
 
 
 def test_the_settings_that_the_page_names_exist():
     (line,) = re.findall(r"^baqueano robot settings (--bridge .*)$", PAGE, re.MULTILINE)
-    given = dict(re.findall(r"--([a-z-]+) (\S+)", line))
-    assert given.keys() <= NAMES.keys()
-    assert all(value in NAMES[name][0].split("|") for name, value in given.items() if "|" in NAMES[name][0])
-    (told,) = re.findall(r"The first sets what is named \((.*?)\)", PAGE)
-    offered = {value for name in ("bridge", "encoders", "mark") for value in NAMES[name][0].split("|")}
-    assert set(re.findall(r"`(\w+)`", told)) == offered
+    options_given = dict(re.findall(r"--([a-z-]+) (\S+)", line))
+    assert options_given.keys() <= NAMES.keys()
+    assert all(
+        value in NAMES[name][0].split("|") for name, value in options_given.items() if "|" in NAMES[name][0]
+    )
+    (names,) = re.findall(r"The first sets what is named \((.*?)\)", PAGE)
+    choices = {value for name in ("bridge", "encoders", "mark") for value in NAMES[name][0].split("|")}
+    assert set(re.findall(r"`(\w+)`", names)) == choices
 
 
 def test_the_keys_of_the_robot_that_the_pages_name_exist():
-    known = set(Hardware.__dataclass_fields__)
+    keys = set(Hardware.__dataclass_fields__)
     for page in (PAGE, (ROOT / "docs/robot.md").read_text(encoding="utf-8")):
-        named = set(re.findall(r"`\[robot\] (\w+)", page)) | set(
+        names = set(re.findall(r"`\[robot\] (\w+)", page)) | set(
             re.findall(r"\b(imu_\w+|least_\w+|max_\w+) =", page)
         )
-        assert named
-        assert named <= known
+        assert names
+        assert names <= keys

@@ -32,7 +32,7 @@ class InChunks(NamedTuple):
         return f"{len(self.chunks)} chunks"
 
 
-class Counted(bytes):
+class CountedBytes(bytes):
     """Bytes that count how many of them were searched."""
 
     searched = 0
@@ -72,7 +72,7 @@ FILLED = {
 
 
 @pytest.fixture(scope="module")
-def chunked(tmp_path_factory):
+def chunked_file(tmp_path_factory):
     """The bytes of a run of 60 ticks, and where its chunks begin and end."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 2000)
@@ -90,8 +90,10 @@ def chunked(tmp_path_factory):
 
 @pytest.mark.parametrize("place", ["end", "middle", "alone"])
 @pytest.mark.parametrize("fill", FILLED)
-def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, monkeypatch, fill, place):
-    data, chunks = chunked
+def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(
+    chunked_file, monkeypatch, fill, place
+):
+    data, chunks = chunked_file
     cut = chunks[len(chunks) // 2][1]
     records, summed, crc32 = [], [], zlib.crc32
     step = mcap_records._Walk.record
@@ -102,13 +104,13 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, 
     before, after = {"end": (data[:cut], b""), "middle": (data[:cut], data[cut:]), "alone": (MAGIC, b"")}[
         place
     ]
-    spoilt = Counted(before + FILLED[fill](SIZE) + after)
-    found = mcap_records.scan(spoilt)
+    spoilt = CountedBytes(before + FILLED[fill](SIZE) + after)
+    scan = mcap_records.scan(spoilt)
     assert spoilt.searched <= 2 * len(spoilt)
     assert len(records) <= len(spoilt) // 8 + 1
     assert sum(summed) <= 4 * mcap_records.AGAIN * len(spoilt)
-    assert len(found.problems) <= mcap_records.MOST_REPORTED
-    assert (place != "alone") == bool(found.messages)
+    assert len(scan.problems) <= mcap_records.MOST_REPORTED
+    assert (place != "alone") == bool(scan.messages)
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -117,8 +119,8 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, 
     size=st.integers(1, 5000),
     fill=st.sampled_from(["zeros", "ones", "random", "put between", "taken out"]),
 )
-def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked, at, size, fill):
-    data, chunks = chunked
+def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked_file, at, size, fill):
+    data, chunks = chunked_file
     at = chunks[0][1] + int(at * (len(data) - chunks[0][1]))  # the first chunk names the topics
     if fill == "put between":
         end, spoilt = at, data[:at] + random.Random(size).randbytes(size) + data[at:]
@@ -127,30 +129,30 @@ def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked, at, size
     else:
         end = min(at + size, len(data))
         spoilt = data[:at] + FILLED[fill](end - at) + data[end:]
-    found, whole = mcap_records.scan(spoilt), mcap_records.scan(data)
+    scan, whole = mcap_records.scan(spoilt), mcap_records.scan(data)
     (key,) = whole.messages
-    times = set(found.messages[key].t_ns)
+    times = set(scan.messages[key].t_ns)
     for start, stop in chunks:
         if stop <= at or start >= end:
-            held = mcap_records.scan(MAGIC + data[start:stop]).messages[key]
-            assert set(held.t_ns) <= times
-    assert list(found.messages[key].t_ns) == sorted(times)
+            original = mcap_records.scan(MAGIC + data[start:stop]).messages[key]
+            assert set(original.t_ns) <= times
+    assert list(scan.messages[key].t_ns) == sorted(times)
     assert times <= set(whole.messages[key].t_ns)
 
 
-def test_a_tail_of_zeros_is_one_place_and_recover_saves_the_rest(chunked, tmp_path):
-    data, chunks = chunked
+def test_a_tail_of_zeros_is_one_place_and_recover_saves_the_rest(chunked_file, tmp_path):
+    data, chunks = chunked_file
     path = tmp_path / "0001-cut.mcap"
     path.write_bytes(data[: chunks[-1][1]] + bytes(300_000))
-    saved = recover(path)
-    assert len(saved.run.t_ns) == 60
+    recovery = recover(path)
+    assert len(recovery.run.t_ns) == 60
     cut = chunks[-1][1]
-    (place,) = (one.figures["places"].figures for one in saved.notes if one.code == "run.damaged")
+    (place,) = (note.figures["places"].figures for note in recovery.notes if note.code == "run.damaged")
     assert (place["first"], place["last"]) == (cut, cut + 300_000 // 9 * 9)
-    assert read_run(saved.path).notes == ()
+    assert read_run(recovery.path).notes == ()
 
 
-def written(path, fill, chunk_size=2**18, compression=CompressionType.ZSTD):
+def written_file(path, fill, chunk_size=2**18, compression=CompressionType.ZSTD):
     with path.open("wb") as stream:
         writer = Writer(stream, compression=compression, chunk_size=chunk_size)
         writer.start(profile="ros2")
@@ -200,7 +202,7 @@ def topics(writer, channel):
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 @pytest.mark.parametrize(
-    ("fill", "chunk_size", "said"),
+    ("fill", "chunk_size", "message"),
     [
         (commands(9000, 1000), 2**18, ("runs.unpacks-too-much", {})),
         (commands(6000, 1000), 2**26, ("runs.unpacks-too-much", {})),
@@ -209,18 +211,20 @@ def topics(writer, channel):
         (topics, 2**18, ("runs.topics", {"count": 1501, "most": 1000})),
     ],
 )
-def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, said, compression):
-    path = written(tmp_path / "bomb.mcap", fill, chunk_size, compression)
+def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, message, compression):
+    path = written_file(tmp_path / "bomb.mcap", fill, chunk_size, compression)
     tracemalloc.start()
     try:
-        with refused(said[0], FileError, **said[1]) as caught:
+        with refused(message[0], FileError, **message[1]) as error_info:
             read_run(path)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     assert peak <= 1.1 * memory_limit.allowed(path.stat().st_size)
-    assert "\n" not in str(caught.value)
-    assert "mcap decompress" in str(caught.value) or "baqueano runs import MAP.toml" in str(caught.value)
+    assert "\n" not in str(error_info.value)
+    assert "mcap decompress" in str(error_info.value) or "baqueano runs import MAP.toml" in str(
+        error_info.value
+    )
 
 
 def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, monkeypatch):
@@ -255,7 +259,7 @@ def test_a_channel_with_a_size_of_nonsense_is_named(tmp_path, size):
         channel("/estimate", size)
 
     with refused("damage.channel-size", FileError):
-        read_run(written(tmp_path / "x.mcap", fill))
+        read_run(written_file(tmp_path / "x.mcap", fill))
 
 
 def test_a_time_beyond_64_bits_is_named(tmp_path):
@@ -264,4 +268,4 @@ def test_a_time_beyond_64_bits_is_named(tmp_path):
         writer.add_message(channel("/command/applied", 1), 2**64 - 1, data, 1)
 
     with refused("damage.times", FileError):
-        read_run(written(tmp_path / "x.mcap", fill))
+        read_run(written_file(tmp_path / "x.mcap", fill))

@@ -6,7 +6,7 @@ import pytest
 DEG = 180.0 / np.pi
 
 
-def scaled(column, factor):
+def in_scale(column, factor):
     def damage(lab):
         lab.board[column] = lab.board[column] * factor
 
@@ -20,40 +20,40 @@ def camera(column, factor):
     return damage
 
 
-def swapped(where, a, b):
+def swap_columns(table, a, b):
     def damage(lab):
-        columns = getattr(lab, where)
+        columns = getattr(lab, table)
         columns[a], columns[b] = columns[b], columns[a]
 
     return damage
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
-        (scaled("wz", DEG), r"imu.z\[2\] .*write unit = \"deg/s\""),
-        (scaled("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by a factor of 57.3"),
-        (scaled("wz", -1.0), r"imu.z\[2\] is -.* times what \[truth\] says .*write scale = -1 for it"),
-        (scaled("wz", 1.7), r"imu.z\[2\] is 1.7 times .*check its unit and scale"),
-        (scaled("speed", 3.6), r"odometer.z\[0\] is 3.6 times .*write unit = \"km/h\""),
-        (scaled("speed", 100.0), r"reaches 16\d m/s"),
-        (scaled("speed", -1.0), r"odometer.z\[0\] is -.*write scale = -1"),
-        (scaled("ay", 1 / 9.80665), r"imu.z\[1\] is 0.10\d times what speed and .*write unit = \"g\""),
-        (scaled("ay", 0.03), r"check its unit and scale, and those of the speed, \[sensors.odometer\]"),
-        (scaled("ay", -1.0), r"imu.z\[1\] is -.*write scale = -1"),
-        (scaled("ax", 1000.0), r"imu.z\[0\] with unit = .* reaches"),
-        (swapped("board", "ax", "ay"), r"imu.z\[0\] agrees with v·ω .*swap the columns of a_x and a_y"),
-        (swapped("board", "throttle", "steer"), r"command throttle turns .*swap the columns of \[command\]"),
-        (scaled("throttle", 100.0), r"\(throttle\) reaches 6\d.*a full command is 1; write unit = \"%\""),
-        (scaled("throttle", 2000.0), r"\(throttle\) reaches .* write scale = 0.000"),
-        (swapped("camera", "x", "y"), r"course and heading turn opposite ways .*x and y are swapped"),
+        (in_scale("wz", DEG), r"imu.z\[2\] .*write unit = \"deg/s\""),
+        (in_scale("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by a factor of 57.3"),
+        (in_scale("wz", -1.0), r"imu.z\[2\] is -.* times what \[truth\] says .*write scale = -1 for it"),
+        (in_scale("wz", 1.7), r"imu.z\[2\] is 1.7 times .*check its unit and scale"),
+        (in_scale("speed", 3.6), r"odometer.z\[0\] is 3.6 times .*write unit = \"km/h\""),
+        (in_scale("speed", 100.0), r"reaches 16\d m/s"),
+        (in_scale("speed", -1.0), r"odometer.z\[0\] is -.*write scale = -1"),
+        (in_scale("ay", 1 / 9.80665), r"imu.z\[1\] is 0.10\d times what speed and .*write unit = \"g\""),
+        (in_scale("ay", 0.03), r"check its unit and scale, and those of the speed, \[sensors.odometer\]"),
+        (in_scale("ay", -1.0), r"imu.z\[1\] is -.*write scale = -1"),
+        (in_scale("ax", 1000.0), r"imu.z\[0\] with unit = .* reaches"),
+        (swap_columns("board", "ax", "ay"), r"imu.z\[0\] agrees with v·ω .*swap the columns of a_x and a_y"),
+        (swap_columns("board", "throttle", "steer"), r"command throttle turns .*swap the columns of \[command\]"),
+        (in_scale("throttle", 100.0), r"\(throttle\) reaches 6\d.*a full command is 1; write unit = \"%\""),
+        (in_scale("throttle", 2000.0), r"\(throttle\) reaches .* write scale = 0.000"),
+        (swap_columns("camera", "x", "y"), r"course and heading turn opposite ways .*x and y are swapped"),
         (camera("yaw", -1.0), "course and heading turn opposite ways|times what .truth. says"),
         (camera("yaw", DEG), r"\[truth\] eta\[2\]: .*perhaps unit = \"deg\"|perhaps unit = \"deg\""),
     ],
 )  # fmt: skip
-def test_what_contradicts_the_map_is_refused_with_the_line_to_write(lab, damage, said):
+def test_what_contradicts_the_map_is_refused_with_the_line_to_write(lab, damage, message):
     damage(lab)
-    assert "accept = [" in lab.refused(said)
+    assert "accept = [" in lab.refused(message)
 
 
 def test_positions_in_millimetres_are_refused(lab):
@@ -100,12 +100,12 @@ def test_plain_repeats_are_left_out_and_reported_but_different_ones_are_refused(
     assert len(run.sensors["imu"].t_ns) == 1500
     lab.board["ax"][8] += 1.0
     lab.refused(r"at line 10 with other values. .*repeats = \"first\" or repeats = \"last\"")
-    kept = {}
+    imu_by_choice = {}
     for which in ("first", "last"):
-        again = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
-        again.board = lab.board
-        kept[which] = again.run().run.sensors["imu"].z[7, 0]
-    assert kept["last"] - kept["first"] == pytest.approx(1.0)
+        repeated_lab = lab.fresh().edit('path = "board.csv"', f'path = "board.csv"\nrepeats = "{which}"')
+        repeated_lab.board = lab.board
+        imu_by_choice[which] = repeated_lab.run().run.sensors["imu"].z[7, 0]
+    assert imu_by_choice["last"] - imu_by_choice["first"] == pytest.approx(1.0)
 
 
 def test_gaps_are_reported_where_they_are(lab):
@@ -276,10 +276,10 @@ def test_samples_of_an_encoder_that_are_read_too_often_are_held(lab):
 
 
 def test_the_doubts_are_a_table_and_rows(lab):
-    imported = lab.run()
-    assert imported.verdict == "USABLE"
-    assert imported.table().startswith("info     no command yet")
-    assert imported.rows()[0] == {
+    imported_log = lab.run()
+    assert imported_log.verdict == "USABLE"
+    assert imported_log.table().startswith("info     no command yet")
+    assert imported_log.rows()[0] == {
         "level": "info", "doubt": "no command yet", "t_s": 0.0,
         "text": "1 ticks before the first command were left out",
     }  # fmt: skip
@@ -305,13 +305,13 @@ def test_wheels_that_turn_as_the_gyro_does_raise_no_doubt(lab, track_m, truth):
 
 def test_a_gyro_that_wheels_and_accelerometer_contradict_is_inverted_and_not_the_accelerometer(lab):
     lab.board["wz"] = -lab.board["wz"]
-    said = by_wheels(lab).refused(
+    message = by_wheels(lab).refused(
         r"\[sensors.wheels\] and sensors.imu.z\[2\] have opposite signs .*and sensors.imu.z\[1\] contradicts it"
     )
-    assert "write scale = -1 for sensors.imu.z[2]" in said
-    assert "sensors.imu.z[1] is" not in said
-    mended = lab.edit('"wz", unit = "rad/s"', '"wz", unit = "rad/s", scale = -1')
-    assert mended.codes() == ["no command yet"]
+    assert "write scale = -1 for sensors.imu.z[2]" in message
+    assert "sensors.imu.z[1] is" not in message
+    mended_lab = lab.edit('"wz", unit = "rad/s"', '"wz", unit = "rad/s", scale = -1')
+    assert mended_lab.codes() == ["no command yet"]
 
 
 @pytest.mark.parametrize("flip", ["wheels", "imu"])
@@ -321,9 +321,11 @@ def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab
         lab.board["wz"], lab.board["ay"] = -lab.board["wz"], -lab.board["ay"]
     else:
         lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    said = lab.refused(r"opposite signs of the turning \(correlation -\d.\d\d\).*if the IMU is upside down")
-    assert "swap left and right of [sensors.wheels]" in said
-    assert "times what speed and turning give" not in said
+    message = lab.refused(
+        r"opposite signs of the turning \(correlation -\d.\d\d\).*if the IMU is upside down"
+    )
+    assert "swap left and right of [sensors.wheels]" in message
+    assert "times what speed and turning give" not in message
 
 
 def test_wheels_that_the_camera_contradicts_are_swapped(lab):
@@ -334,15 +336,15 @@ def test_wheels_that_the_camera_contradicts_are_swapped(lab):
     )
 
 
-@pytest.mark.parametrize(("factor", "apart"), [(1 / 40, "0.0075"), (40.0, "12")])
-def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, apart):
+@pytest.mark.parametrize(("factor", "width_m"), [(1 / 40, "0.0075"), (40.0, "12")])
+def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, width_m):
     by_wheels(lab, truth=False)
     for side in "lr":
         lab.board[side] = factor * lab.board[side]
-    said = lab.refused(
-        rf"with wheels that are {apart}\d* m apart .*check the scale of both: counts_per_turn, radius_m"
+    message = lab.refused(
+        rf"with wheels that are {width_m}\d* m apart .*check the scale of both: counts_per_turn, radius_m"
     )
-    assert "accept = [" in said
+    assert "accept = [" in message
 
 
 def test_wheels_that_have_nothing_to_do_with_the_gyro_are_reported(lab):

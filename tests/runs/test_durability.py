@@ -57,9 +57,9 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
         time.sleep(0.9 if k == 0 else 0.17)
         program.kill()
     for program, path in zip(running, paths, strict=True):
-        said = [int(line) for line in program.communicate()[0].split()]
+        printed = [int(line) for line in program.communicate()[0].split()]
         run = read_run(path)
-        lost_s = (said[-1] - run.t_ns[-1]) * 1e-9
+        lost_s = (printed[-1] - run.t_ns[-1]) * 1e-9
         assert lost_s <= 1.0
         assert run.notes[0].code == "run.not-closed"
         assert run.metadata["seed"] == "1"
@@ -87,42 +87,42 @@ def fewer(run, whole):
 
 
 @pytest.fixture
-def chunked(make_run, tmp_path, monkeypatch):
+def chunked_files(make_run, tmp_path, monkeypatch):
     """A run of 60 ticks in several chunks, and the bytes of its file."""
     monkeypatch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 8000)
     run = make_run(N=60)
     return run, write_run(run, tmp_path / "0001-test.mcap").read_bytes()
 
 
-def test_lg5_a_file_cut_anywhere_gives_every_whole_chunk_or_says_why_not(chunked, tmp_path):
-    whole, data = chunked
-    path, saved, refusals = tmp_path / "cut.mcap", [], []
+def test_lg5_a_file_cut_anywhere_gives_every_whole_chunk_or_says_why_not(chunked_files, tmp_path):
+    whole, data = chunked_files
+    path, run_lengths, refusals = tmp_path / "cut.mcap", [], []
     for size in [*range(0, len(data), 97), *range(len(data) - 300, len(data))]:
         path.write_bytes(data[:size])
         try:
             run = read_run(path)
         except FileError as error:
             refusals.append(str(error))
-            saved.append(0)
+            run_lengths.append(0)
             continue
         assert run.notes
         fewer(run, whole)
-        saved.append(len(run.t_ns))
+        run_lengths.append(len(run.t_ns))
     assert not any("\n" in text for text in refusals)
-    assert saved == sorted(saved)
-    assert saved[-1] == 60
-    assert len(set(saved)) > 5
+    assert run_lengths == sorted(run_lengths)
+    assert run_lengths[-1] == 60
+    assert len(set(run_lengths)) > 5
 
 
-def test_lg4_a_flipped_bit_never_gives_a_silently_wrong_run(chunked, tmp_path):
-    whole, data = chunked
+def test_lg4_a_flipped_bit_never_gives_a_silently_wrong_run(chunked_files, tmp_path):
+    whole, data = chunked_files
     path, pick = tmp_path / "flipped.mcap", random.Random(5)
     for trial in range(700):
         at, bit = pick.randrange(len(data)), 1 << pick.randrange(8)
         end = len(data) if trial % 2 else pick.randrange(at + 1, len(data) + 1)  # half of them cut as well
-        flipped = bytearray(data[:end])
-        flipped[at] ^= bit
-        path.write_bytes(flipped)
+        flipped_data = bytearray(data[:end])
+        flipped_data[at] ^= bit
+        path.write_bytes(flipped_data)
         try:
             run = read_run(path)
         except FileError:
@@ -131,14 +131,14 @@ def test_lg4_a_flipped_bit_never_gives_a_silently_wrong_run(chunked, tmp_path):
         fewer(run, whole)
 
 
-def test_lg4_one_damaged_chunk_costs_no_other(chunked, tmp_path):
-    whole, data = chunked
+def test_lg4_one_damaged_chunk_costs_no_other(chunked_files, tmp_path):
+    whole, data = chunked_files
     signs = [i - 37 for i in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", i) and data[i - 37] == 6]
     path = tmp_path / "damaged.mcap"
     for place in (37 + 20, 1, 0, 30):  # contents, size, kind, checksum
-        damaged = bytearray(data)
-        damaged[signs[2] + place] ^= 0x40
-        path.write_bytes(damaged)
+        damaged_data = bytearray(data)
+        damaged_data[signs[2] + place] ^= 0x40
+        path.write_bytes(damaged_data)
         run = read_run(path)
         fewer(run, whole)
         assert (
@@ -147,17 +147,17 @@ def test_lg4_one_damaged_chunk_costs_no_other(chunked, tmp_path):
         assert run.notes[-1].code == "run.damaged"
 
 
-def test_recover_writes_what_was_saved_to_a_new_whole_file(chunked, tmp_path):
-    whole, data = chunked
+def test_recover_writes_what_was_saved_to_a_new_whole_file(chunked_files, tmp_path):
+    whole, data = chunked_files
     cut = tmp_path / "0001-test-cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
-    saved = recover(cut)
-    assert saved.path == tmp_path / "0001-test-cut-recovered.mcap"
-    assert saved.notes[0].code == "run.not-closed"
-    again = read_run(saved.path)
-    assert again.notes == ()
-    assert again.metadata == whole.metadata | {"recovered_from": "0001-test-cut.mcap"}
-    assert again.applied.tobytes() == whole.applied[: len(again.t_ns)].tobytes()
+    recovery = recover(cut)
+    assert recovery.path == tmp_path / "0001-test-cut-recovered.mcap"
+    assert recovery.notes[0].code == "run.not-closed"
+    saved_run = read_run(recovery.path)
+    assert saved_run.notes == ()
+    assert saved_run.metadata == whole.metadata | {"recovered_from": "0001-test-cut.mcap"}
+    assert saved_run.applied.tobytes() == whole.applied[: len(saved_run.t_ns)].tobytes()
     assert cut.read_bytes() == data[: len(data) // 2]
 
 
@@ -171,23 +171,25 @@ def mcap(path, chunk):
     return path
 
 
-def chunk(records, size, compression, packed):
+def chunk(records, size, compression, payload):
     head = struct.pack("<QQQI", 0, 0, size, zlib.crc32(records))
-    return head + struct.pack("<I", len(compression)) + compression + struct.pack("<Q", len(packed)) + packed
+    return (
+        head + struct.pack("<I", len(compression)) + compression + struct.pack("<Q", len(payload)) + payload
+    )
 
 
 @pytest.mark.parametrize("compression", [b"zstd", b"lz4"])
-@pytest.mark.parametrize("says", ["truth", "little"])
-def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, says):
+@pytest.mark.parametrize("message", ["truth", "little"])
+def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression, message):
     import lz4.frame
     import zstandard
 
     big = bytes(300 * 2**20)
-    packed = zstandard.ZstdCompressor(write_content_size=says == "truth").compress(big)
-    packed = packed if compression == b"zstd" else lz4.frame.compress(big)
+    payload = zstandard.ZstdCompressor(write_content_size=message == "truth").compress(big)
+    payload = payload if compression == b"zstd" else lz4.frame.compress(big)
     del big
     path = mcap(
-        tmp_path / "bomb.mcap", chunk(b"", 300 * 2**20 if says == "truth" else 1000, compression, packed)
+        tmp_path / "bomb.mcap", chunk(b"", 300 * 2**20 if message == "truth" else 1000, compression, payload)
     )
     began = time.process_time()
     with refused("runs.nothing-saved", FileError):
@@ -196,7 +198,7 @@ def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression
 
 
 @pytest.mark.parametrize(
-    ("records", "compression", "packed", "said"),
+    ("records", "compression", "payload", "message"),
     [
         (b"\x05", b"", b"\x05", ("runs.nothing-saved", {})),
         (struct.pack("<BQ", 5, 99), b"", None, ("runs.nothing-saved", {})),
@@ -207,9 +209,9 @@ def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression
         (b"abc", b"lz4", bytes(40), ("runs.nothing-saved", {})),
     ],
 )
-def test_a_chunk_of_nonsense_is_named(tmp_path, records, compression, packed, said):
-    data = chunk(records, len(records), compression, records if packed is None else packed)
-    with refused(said[0], FileError, **said[1]):
+def test_a_chunk_of_nonsense_is_named(tmp_path, records, compression, payload, message):
+    data = chunk(records, len(records), compression, records if payload is None else payload)
+    with refused(message[0], FileError, **message[1]):
         read_run(mcap(tmp_path / "x.mcap", data))
 
 
@@ -233,11 +235,11 @@ def test_files_packed_by_others_are_read(run, tmp_path, compression):
                 ids[channel.id] = w.register_channel(channel.topic, "cdr", new, channel.metadata)
             w.add_message(ids[channel.id], m.log_time, m.data, m.publish_time)
         w.finish()
-    read = read_run(path)
-    assert read.notes == ()
-    assert set(read.sensors) == set(run.sensors)
-    fewer(read, run)
-    assert len(read.t_ns) == len(run.t_ns)
+    read_back = read_run(path)
+    assert read_back.notes == ()
+    assert set(read_back.sensors) == set(run.sensors)
+    fewer(read_back, run)
+    assert len(read_back.t_ns) == len(run.t_ns)
 
 
 def record_one(run_writer, t_ns):
@@ -333,6 +335,6 @@ def test_a_crash_while_a_whole_run_is_written_leaves_no_file(run, tmp_path, monk
 
 def test_a_long_record_that_is_none_ends_the_walk():
     data = mcap_records.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
-    found = mcap_records.scan(data)
-    assert not found.complete
-    assert found.messages == {}
+    scan = mcap_records.scan(data)
+    assert not scan.complete
+    assert scan.messages == {}

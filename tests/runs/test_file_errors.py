@@ -28,9 +28,9 @@ from tests.codes import refused
 def test_a_foreign_file_is_named(tmp_path, data, code):
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
-    with refused(code, FileError, path=str(path)) as caught:
+    with refused(code, FileError, path=str(path)) as error_info:
         read_run(path)
-    assert caught.value.exit_code == 3
+    assert error_info.value.exit_code == 3
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path):
@@ -71,15 +71,15 @@ def test_an_mcap_file_of_others_is_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("size", "said"),
+    ("size", "message"),
     [
         (None, ("damage.channel-size", {})),
         ("x", ("damage.channel-size", {})),
         ("2", ("damage.message-bytes", {"bytes": 52})),
     ],
 )
-def test_a_topic_of_ours_that_others_wrote_is_named(tmp_path, size, said):
-    with refused(said[0], FileError, **said[1]):
+def test_a_topic_of_ours_that_others_wrote_is_named(tmp_path, size, message):
+    with refused(message[0], FileError, **message[1]):
         read_run(foreign(tmp_path / "a.mcap", "/command/applied", b"abc", size))
 
 

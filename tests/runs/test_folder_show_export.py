@@ -68,17 +68,17 @@ def test_a_run_is_found_by_path_number_name_or_as_the_last(run, tmp_path):
 def test_a_recovered_run_stands_for_the_one_that_was_cut(run, tmp_path):
     first, cut = write_run(run, tmp_path / "0001-a.mcap"), tmp_path / "0002-b.mcap"
     cut.write_bytes(first.read_bytes()[:-300])
-    saved = recover(cut).path
-    assert saved == tmp_path / "0002-b-recovered.mcap"
-    assert find("2", tmp_path) == find("0002", tmp_path) == find("last", tmp_path) == saved
+    recovered_file = recover(cut).path
+    assert recovered_file == tmp_path / "0002-b-recovered.mcap"
+    assert find("2", tmp_path) == find("0002", tmp_path) == find("last", tmp_path) == recovered_file
     assert find("0002-b", tmp_path) == cut
     for runs in ("1-2", "*", str(tmp_path), str(tmp_path / "0*.mcap")):
-        assert find_all(runs, tmp_path) == [first, saved]
+        assert find_all(runs, tmp_path) == [first, recovered_file]
     assert find_all(str(tmp_path / "*-b.mcap"), tmp_path) == [cut]
     third = write_run(run, tmp_path / "0002-c.mcap")
     with refused("runs.ambiguous", FileError, found="2", known="0002-b-recovered, 0002-c"):
         find("2", tmp_path)
-    assert find_all("2-2", tmp_path) == [saved, third]
+    assert find_all("2-2", tmp_path) == [recovered_file, third]
 
 
 def test_the_list_has_one_line_per_run_also_for_damaged_ones(run, tmp_path):
@@ -110,23 +110,23 @@ def test_show_counts_rates_gaps_and_events():
     z = np.array([[1.0], [np.nan], [2.0]])
     sensors = {"odo": Channel(t_ns[::2] - 3_000_000, t_ns[::2], z)}
     events = tuple(Event(int(t_ns[k % 6]), "warning", "supervisor", f"slow {k}") for k in range(25))
-    shown = show(
+    listing = show(
         Run("0007-x", None, t_ns, np.zeros((6, 2)), sensors=sensors, events=events, metadata={"seed": "7"})
     )
-    ticks, odometer = shown.rows()
+    ticks, odometer = listing.rows()
     assert ticks == {
         "topic": "command applied", "count": 6, "size": 2, "rate_hz": pytest.approx(5 / 0.07), "gaps": 1,
         "longest_step_s": 0.03, "first_gap_s": 0.02, "nan_rows": 0,
     }  # fmt: skip
     assert (odometer["count"], odometer["nan_rows"], odometer["delay_ms"]) == (3, 1, pytest.approx(3.0))
-    assert shown.verdict == "USABLE"
-    text = shown.table()
+    assert listing.verdict == "USABLE"
+    text = listing.table()
     assert "0007-x: 6 ticks, 0.07 s. seed 7" in text
     assert "71.43 Hz" in text
     assert "0.010 s  warning  supervisor: slow 1" in text
     assert "and 5 more events" in text
-    assert len(shown.events()) == 25
-    assert shown.events()[3]["t_s"] == 0.05
+    assert len(listing.events()) == 25
+    assert listing.events()[3]["t_s"] == 0.05
 
 
 def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
@@ -135,9 +135,9 @@ def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
         "command applied", "command requested", "command sent", "sensor imu", "sensor odometer", "estimate",
         "reference", "truth",
     ]  # fmt: skip
-    lost = show(replace(run, notes=(note("run.vehicle-file-lost"),)))
-    assert lost.verdict == "WARN"
-    assert lost.table().endswith("note: the vehicle file of the run is lost")
+    listing = show(replace(run, notes=(note("run.vehicle-file-lost"),)))
+    assert listing.verdict == "WARN"
+    assert listing.table().endswith("note: the vehicle file of the run is lost")
 
 
 def test_show_keeps_its_columns_under_a_long_name(make_run):
@@ -195,13 +195,13 @@ def route():
     return Route(np.array([0.0, 0.1, 1 / 3]), draw(size=(3, 3)), draw(size=(3, 3)), True)
 
 
-@pytest.mark.parametrize("closed", [True, False])
-def test_a_route_written_and_read_back_is_the_same(route, closed, tmp_path):
-    path = write_route(route._replace(closed=closed), tmp_path / "laboratorio ñ" / "lap.csv")
-    write_route(route._replace(closed=closed), path)  # a newer one takes its place
-    read = read_route(path)
-    assert all(np.array_equal(a, b) for a, b in zip(read, route._replace(closed=closed), strict=True))
-    assert read.closed is closed
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_a_route_written_and_read_back_is_the_same(route, is_closed, tmp_path):
+    path = write_route(route._replace(closed=is_closed), tmp_path / "laboratorio ñ" / "lap.csv")
+    write_route(route._replace(closed=is_closed), path)  # a newer one takes its place
+    read_back = read_route(path)
+    assert all(np.array_equal(a, b) for a, b in zip(read_back, route._replace(closed=is_closed), strict=True))
+    assert read_back.closed is is_closed
     assert [p.name for p in path.parent.iterdir()] == ["lap.csv"]
 
 
@@ -213,7 +213,7 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         (
             "# closed = true\n",
@@ -226,12 +226,12 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
         ("\n0.1,", "\nnan,", "route.not-number"),
     ],
 )
-def test_a_route_that_is_none_is_named(route, tmp_path, old, new, said):
+def test_a_route_that_is_none_is_named(route, tmp_path, old, new, message):
     path = write_route(route, tmp_path / "lap.csv")
     text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with refused(said, FileError):
+    with refused(message, FileError):
         read_route(path)
 
 

@@ -38,18 +38,18 @@ def refusal(tmp_path, data, name="log.csv"):
     (tmp_path / "log.toml").write_text(MAP.replace("FILE", name), encoding="utf-8")
     tracemalloc.start()
     try:
-        with pytest.raises(FileError) as caught:
+        with pytest.raises(FileError) as error_info:
             import_run(tmp_path / "log.toml")
         assert tracemalloc.get_traced_memory()[1] <= memory_limit.allowed(len(data))
     finally:
         tracemalloc.stop()
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 1000
-    return str(caught.value)
+    assert "\n" not in str(error_info.value)
+    assert len(str(error_info.value)) < 1000
+    return str(error_info.value)
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [
         (b"a,b\n1," + b"2" * 200_000 + b"\n", "line 2 has a cell of more than 131072 characters"),
         (b'a,b\n1,"2\n' + ROWS * 5000, "has a cell of more than 131072 characters. Is a quote open there?"),
@@ -70,12 +70,12 @@ def refusal(tmp_path, data, name="log.csv"):
         (b"PK\x03\x04" + bytes(50), "is a zip file, perhaps a spreadsheet. Unpack it, or save it as CSV"),
     ],
 )
-def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, said):
-    assert said in refusal(tmp_path, data)
+def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, message):
+    assert message in refusal(tmp_path, data)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (b"a,b\n" + b"0,0\n" * 600_000, "kB and needs "),
         (b"a,b\n0,0\n" + b"\n" * 3_000_000, "of memory up to line "),
@@ -84,10 +84,10 @@ def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, said):
         (bytes(20_000_000), "line 1 contains zero bytes"),
     ],
 )
-def test_a_packed_csv_that_would_fill_the_memory_is_refused(tmp_path, text, said):
-    found = refusal(tmp_path, gzip.compress(text), "log.csv.gz")
-    assert said in found
-    assert "of memory" not in said or "unpack it first: gunzip -k log.csv.gz" in found
+def test_a_packed_csv_that_would_fill_the_memory_is_refused(tmp_path, text, message):
+    error = refusal(tmp_path, gzip.compress(text), "log.csv.gz")
+    assert message in error
+    assert "of memory" not in message or "unpack it first: gunzip -k log.csv.gz" in error
 
 
 def test_a_packed_recording_of_a_real_size_is_read_within_its_memory(tmp_path):
@@ -122,7 +122,7 @@ def test_a_route_that_would_fill_the_memory_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("format = " + "[" * 100_000 + "]" * 100_000, "nests its values too deeply"),
         ("a = " + "{a = " * 100_000 + "1" + "}" * 100_000, "nests its values too deeply"),
@@ -132,12 +132,12 @@ def test_a_route_that_would_fill_the_memory_is_refused(tmp_path):
         ('format = "' + "x" * 500_000 + '"', "map.toml format = 'xxx"),
     ],
 )
-def test_a_map_that_no_person_wrote_has_a_message(tmp_path, text, said):
+def test_a_map_that_no_person_wrote_has_a_message(tmp_path, text, message):
     (tmp_path / "map.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         load_map(tmp_path / "map.toml")
-    assert said in str(caught.value)
-    assert len(str(caught.value)) < 1000
+    assert message in str(error_info.value)
+    assert len(str(error_info.value)) < 1000
 
 
 def test_a_recording_with_points_and_blanks_is_still_no_map(tmp_path):
@@ -152,21 +152,23 @@ def test_a_run_whose_vehicle_file_is_nested_without_end_is_recovered(run, tmp_pa
     assert read_run(recover(path).path) == run
 
 
-def ros1(compression, packed):
+def ros1(compression, payload):
     def part(name, value):
         return struct.pack("<I", len(name) + 1 + len(value)) + name + b"=" + value
 
     head = (
         part(b"op", b"\5") + part(b"compression", compression) + part(b"size", struct.pack("<I", 2**31 - 1))
     )
-    return b"#ROSBAG V2.0\n" + struct.pack("<I", len(head)) + head + struct.pack("<I", len(packed)) + packed
+    return b"#ROSBAG V2.0\n" + struct.pack("<I", len(head)) + head + struct.pack("<I", len(payload)) + payload
 
 
-def mcap(compression, packed):
+def mcap(compression, payload):
     body = (
-        struct.pack("<QQQII", 0, 0, 2**31, 0, len(compression)) + compression + struct.pack("<Q", len(packed))
+        struct.pack("<QQQII", 0, 0, 2**31, 0, len(compression))
+        + compression
+        + struct.pack("<Q", len(payload))
     )
-    return b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body) + len(packed)) + body + packed
+    return b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(body) + len(payload)) + body + payload
 
 
 @pytest.mark.parametrize(

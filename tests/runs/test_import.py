@@ -24,12 +24,12 @@ def test_a_clean_recording_raises_no_doubt(lab):
 
 def test_an_imported_run_survives_the_disk_with_its_map(lab, tmp_path):
     run = lab.run().run
-    read = read_run(write_run(run, tmp_path / "0001-import.mcap"))
-    assert read == run
-    assert read.metadata["kind"] == "import"
-    assert read.metadata["map_text"] == lab.map
-    assert read.metadata["files"] == "board.csv, camera.csv"
-    assert read.events[0].text.startswith("no command yet: 1 ticks before the first command")
+    read_back = read_run(write_run(run, tmp_path / "0001-import.mcap"))
+    assert read_back == run
+    assert read_back.metadata["kind"] == "import"
+    assert read_back.metadata["map_text"] == lab.map
+    assert read_back.metadata["files"] == "board.csv, camera.csv"
+    assert read_back.events[0].text.startswith("no command yet: 1 ticks before the first command")
 
 
 def test_a_command_until_its_time_is_one_tick_earlier_than_one_from_its_time(lab):
@@ -72,13 +72,13 @@ def test_rows_are_chosen_and_held_ones_left_out(lab):
 
 
 @pytest.mark.parametrize(
-    ("limits", "kept"), [("{ min = 1.0 }", 1450), ("{ max = 0.99 }", 50), ("{ not = 0.0 }", 1499)]
+    ("limits", "count"), [("{ min = 1.0 }", 1450), ("{ max = 0.99 }", 50), ("{ not = 0.0 }", 1499)]
 )
-def test_where_takes_limits(lab, limits, kept):
+def test_where_takes_limits(lab, limits, count):
     lab.edit('path = "board.csv"', f'path = "board.csv"\nwhere = {{ t = {limits} }}').edit(
         "start_ns = 1000", "start_ns = 2000"
     )
-    assert len(lab.run().run.sensors["imu"].t_ns) == kept
+    assert len(lab.run().run.sensors["imu"].t_ns) == count
 
 
 def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):
@@ -86,14 +86,16 @@ def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):
     measured = lab.run().run
     assert len(measured.truth.t_ns) == 150
     lab.edit("[truth]", '[truth]\nsample = "hold"')
-    held = lab.run().run
-    assert set(held.truth.t_ns) <= set(measured.t_ns)
-    assert set(held.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
+    imported_run = lab.run().run
+    assert set(imported_run.truth.t_ns) <= set(measured.t_ns)
+    assert set(imported_run.truth.eta[:, 0]) <= set(measured.truth.eta[:, 0])
     lab.edit('sample = "hold"', 'sample = "linear"')
-    drawn = lab.run().run
-    true = np.interp(drawn.truth.t_ns, 1e9 + 1e9 * (lab.recording()[1]["t"] + 0.002), lab.recording()[1]["x"])
-    assert drawn.truth.eta[:, 0] == pytest.approx(true, abs=0.02)
-    assert np.abs(drawn.truth.eta[:, 2]).max() <= np.pi
+    slow_run = lab.run().run
+    true = np.interp(
+        slow_run.truth.t_ns, 1e9 + 1e9 * (lab.recording()[1]["t"] + 0.002), lab.recording()[1]["x"]
+    )
+    assert slow_run.truth.eta[:, 0] == pytest.approx(true, abs=0.02)
+    assert np.abs(slow_run.truth.eta[:, 2]).max() <= np.pi
 
 
 def test_a_rate_is_taken_from_an_angle_across_the_turn(lab):
@@ -159,7 +161,7 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "pattern"),
     [
         ("format = 1", "format = 2", "format = 2; write format = 1"),
         ("format = 1", "", "format is missing; write format = 1"),
@@ -213,9 +215,9 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
         ("[truth]", '[truth]\nsample = "nearest"', r"sample = 'nearest'; write sample = \"measured\""),
     ],
 )
-def test_a_mistake_in_the_map_is_named_with_the_line_to_write(lab, old, new, said):
+def test_a_mistake_in_the_map_is_named_with_the_line_to_write(lab, old, new, pattern):
     lab.map = lab.map.replace(old, new, 1)
-    message = lab.refused(said)
+    message = lab.refused(pattern)
     assert "lab.toml" in message or "[files" in message or "board.csv" in message
 
 

@@ -60,9 +60,9 @@ def write_bag(path, store, writer, version1):
             head = header(k, stamp, "imu") if version1 else header(stamp, "imu")
             place = np.array([-1.0, 0.01 * k, 0.02 * k, *[0.0] * 6])
             orientation = quaternion(0.0, 0.0, np.sin(psi / 2), np.cos(psi / 2))
-            felt, zeros = vector(0.5 * k, -0.25 * k, 9.81), np.zeros(9)
+            acceleration, zeros = vector(0.5 * k, -0.25 * k, 9.81), np.zeros(9)
             message = types["sensor_msgs/msg/Imu"](
-                head, orientation, place, vector(0.0, 0.0, 0.125 * k), zeros, felt, zeros
+                head, orientation, place, vector(0.0, 0.0, 0.125 * k), zeros, acceleration, zeros
             )
             bag.write(imu, t_ns + 40_000_000, serialize(message, "sensor_msgs/msg/Imu"))
             twist = types["geometry_msgs/msg/Twist"](vector(0.01 * k, 0.0, 0.0), vector(0.0, 0.0, -0.5))
@@ -96,7 +96,7 @@ def test_a_bag_becomes_a_run(bag, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         (
             '"/cmd_vel"',
@@ -110,8 +110,8 @@ def test_a_bag_becomes_a_run(bag, tmp_path):
         ('time = "bag"', "", ("expect.time-of-bag", {})),
     ],
 )
-def test_what_a_bag_does_not_hold_is_named(bag, tmp_path, old, new, said):
-    with refused(said[0], FileError, **said[1]):
+def test_what_a_bag_does_not_hold_is_named(bag, tmp_path, old, new, message):
+    with refused(message[0], FileError, **message[1]):
         bring(bag, tmp_path, old, new)
 
 

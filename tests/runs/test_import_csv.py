@@ -43,9 +43,9 @@ def raw(lab, text, encoding="utf-8"):
     """The refusal of a board file with this text."""
     lab.save()
     (lab.folder / "board.csv").write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         import_run(lab.folder / "lab.toml")
-    return caught.value.diagnostic
+    return error_info.value.diagnostic
 
 
 HEAD = "t,throttle,steer,ax,ay,wz,speed\n"
@@ -98,9 +98,9 @@ def rows(last, sep=","):
     ],
 )
 def test_lg9_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(lab, text, code, figures):
-    why = raw(lab, text)
-    assert (why.code, {name: why.figures[name] for name in figures}) == (code, figures)
-    assert "board.csv" in why.figures.values()
+    reason = raw(lab, text)
+    assert (reason.code, {name: reason.figures[name] for name in figures}) == (code, figures)
+    assert "board.csv" in reason.figures.values()
 
 
 def numbers_of(cells):
@@ -128,7 +128,7 @@ def test_what_python_might_take_for_a_number_is_refused(cell):
 
 
 @pytest.mark.parametrize(
-    ("cells", "read"),
+    ("cells", "values"),
     [
         (["1", "-2", "+3", "007"], [1, -2, 3, 7]),
         (["9223372036854775807"], [2**63 - 1]),
@@ -139,9 +139,9 @@ def test_what_python_might_take_for_a_number_is_refused(cell):
         (["١"], None),
     ],
 )
-def test_whole_numbers_are_read_exactly_or_not_at_all(cells, read):
-    found = LogTable("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
-    assert (None if found is None else found.tolist()) == read
+def test_whole_numbers_are_read_exactly_or_not_at_all(cells, values):
+    numbers = LogTable("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
+    assert (None if numbers is None else numbers.tolist()) == values
 
 
 def test_what_the_map_says_of_a_csv_is_followed(lab):
@@ -178,9 +178,9 @@ file = "board"
 z = [{ column = "x_mm", unit = "mm" }, { column = "t", unit = "m" }]
 """
     sensors = lab.run().run.sensors
-    turned = np.unwrap(sensors["compass"].z[:, 0])
+    angle = np.unwrap(sensors["compass"].z[:, 0])
     assert np.all(np.abs(sensors["compass"].z) <= np.pi)
-    assert turned == pytest.approx(np.radians(lab.board["deg"]))
+    assert angle == pytest.approx(np.radians(lab.board["deg"]))
     assert sensors["tags"].z[:, 0] == pytest.approx(sensors["tags"].z[:, 1])
 
 
@@ -193,8 +193,8 @@ def test_columns_without_names_are_counted(lab):
         text = text.replace(f'column = "{name}"', f'column = "{number}"')
     (lab.folder / "lab.toml").write_text(text, encoding="utf-8")
     plain = lab.fresh().run
-    named = import_run(lab.folder / "lab.toml").run
-    assert named.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
+    imported_run = import_run(lab.folder / "lab.toml").run
+    assert imported_run.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
 
 
 def test_a_cut_last_line_is_left_out_and_reported(lab):
@@ -214,15 +214,15 @@ def test_a_row_of_units_below_the_names_is_left_out_by_the_line_that_is_reported
     path.write_text("\n".join([head, "s,-,-,-,-,-,-,m/s", *lines]) + "\n", encoding="utf-8")
     text = lab.map.replace('column = "speed"', f'column = "{name}"')
     text = text.replace('path = "board.csv"', 'path = "board.csv"\nwhere = { }')
-    told = lab.folder / "told.toml"
-    told.write_text(text, encoding="utf-8")
-    with refused("table.word", FileError, column="t", found="s", key="t", line=2) as caught:
-        import_run(told)
-    (line,) = re.findall(r"leave the row out with (where = .*)\.$", str(caught.value))
-    told.write_text(text.replace("where = { }", line), encoding="utf-8")
-    assert import_run(told).run.applied.tobytes() == plain.applied.tobytes()
-    quoted = LogTable("log.csv", {name: ["m/s", "1"]}, np.arange(2))
-    with pytest.raises(FileError) as caught:
-        quoted.numbers(name)
+    map_file = lab.folder / "told.toml"
+    map_file.write_text(text, encoding="utf-8")
+    with refused("table.word", FileError, column="t", found="s", key="t", line=2) as error_info:
+        import_run(map_file)
+    (line,) = re.findall(r"leave the row out with (where = .*)\.$", str(error_info.value))
+    map_file.write_text(text.replace("where = { }", line), encoding="utf-8")
+    assert import_run(map_file).run.applied.tobytes() == plain.applied.tobytes()
+    table = LogTable("log.csv", {name: ["m/s", "1"]}, np.arange(2))
+    with pytest.raises(FileError) as error_info:
+        table.numbers(name)
     key = name if name == "speed" else f'"{name}"'
-    assert str(caught.value).endswith(f'where = {{ {key} = {{ not = "m/s" }} }}.')
+    assert str(error_info.value).endswith(f'where = {{ {key} = {{ not = "m/s" }} }}.')

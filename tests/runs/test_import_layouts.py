@@ -37,9 +37,9 @@ START_S = 1_539_614_088
 def board(tmp_path):
     """A board that speeds up forward on the left and backward on the right; 50 Hz, a counter of 16 bits."""
     t = 0.3 + 0.02 * np.arange(400)
-    travelled = 1000.0 * (0.5 * t + 0.05 * t**2)  # ticks of 1 mm
-    left = np.floor(65000 + travelled).astype(int) % 65536
-    right = np.floor(300 - travelled).astype(int) % 65536
+    way_ticks = 1000.0 * (0.5 * t + 0.05 * t**2)  # ticks of 1 mm
+    left = np.floor(65000 + way_ticks).astype(int) % 65536
+    right = np.floor(300 - way_ticks).astype(int) % 65536
     lines = ["sec,nanosec,pwm_l,dir_l,pwm_r,dir_r,ticks_l,ticks_r"]
     for k, at in enumerate(t):
         whole = int(at)
@@ -51,26 +51,26 @@ def board(tmp_path):
     return tmp_path
 
 
-def read(folder: Path, old="", new=""):
+def run_of_board(folder: Path, old="", new=""):
     path = folder / "board.toml"
     path.write_text(MAP.replace(old, new), encoding="utf-8")
     return import_run(path, [folder / "log.csv"]).run
 
 
 def test_seconds_and_nanoseconds_are_one_time(board):
-    run = read(board)
+    run = run_of_board(board)
     assert run.t_ns[0] == START_S * 10**9 + 320_000_000  # the first row has no command before it
     np.testing.assert_allclose(np.diff(run.t_ns), 20_000_000, atol=1)
 
 
 def test_a_counter_goes_on_where_it_begins_again(board):
-    wheels = read(board).sensors["wheels"]
+    wheels = run_of_board(board).sensors["wheels"]
     assert np.all(wheels.z[:, 0] > 0.4)
     assert np.all(wheels.z[:, 1] < -0.4)
 
 
 def test_a_rate_stands_in_the_middle_between_its_rows(board):
-    wheels = read(board).sensors["wheels"]
+    wheels = run_of_board(board).sensors["wheels"]
     t_s = (wheels.t_ns - START_S * 10**9) * 1e-9
     np.testing.assert_allclose(t_s[:3], [0.31, 0.33, 0.35], atol=1e-6)
     late = np.mean(wheels.z[:, 0] - (0.5 + 0.1 * t_s)) / 0.1  # v = 0.5 + 0.1 t
@@ -78,7 +78,7 @@ def test_a_rate_stands_in_the_middle_between_its_rows(board):
 
 
 def test_a_pin_of_direction_turns_the_sign_round(board):
-    applied = read(board).applied  # row k holds the command of row k: from the row before its tick
+    applied = run_of_board(board).applied  # row k holds the command of row k: from the row before its tick
     left, right = applied[:, 0] - applied[:, 2], applied[:, 0] + applied[:, 2]
     np.testing.assert_allclose(left, np.where(np.arange(len(left)) % 2, -0.4, 0.4))
     np.testing.assert_allclose(right, np.where(np.arange(len(right)) % 3 == 0, -0.3, 0.3))
@@ -86,9 +86,9 @@ def test_a_pin_of_direction_turns_the_sign_round(board):
 
 def test_what_does_not_fit_is_refused_with_the_line_to_write(board):
     with refused("expect.time-rest", FileError):
-        read(board, 'unit = "ns" }', 'unit = "deg" }')
+        run_of_board(board, 'unit = "ns" }', 'unit = "deg" }')
     with refused("expect.wraps", FileError):
-        read(board, "derivative = true, wraps", "wraps")
+        run_of_board(board, "derivative = true, wraps", "wraps")
 
 
 def wheels_by(board, entry):
@@ -106,7 +106,7 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
 
 
 @pytest.mark.parametrize(
-    "told",
+    "reading",
     [
         'unit = "counts", counts_per_turn = 600',
         'unit = "ticks", counts_per_turn = 600',
@@ -117,24 +117,24 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
         'unit = "rev", scale = 0.00166666666666666667',
     ],
 )
-def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_reported(board, told):
-    expected = read(board).sensors["wheels"].z / 0.001 * (2.0 * np.pi / 600.0) * 0.04
+def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_reported(board, reading):
+    expected = run_of_board(board).sensors["wheels"].z / 0.001 * (2.0 * np.pi / 600.0) * 0.04
     assert np.max(np.abs(expected)) > 0.5
-    np.testing.assert_allclose(wheels_by(board, f"{told}, {COUNTER}"), expected, rtol=1e-9)
+    np.testing.assert_allclose(wheels_by(board, f"{reading}, {COUNTER}"), expected, rtol=1e-9)
 
 
 def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
     log = board / "log.csv"
     lines = log.read_text(encoding="utf-8").splitlines()
-    turned = 200.0 * (0.02 * np.arange(400))  # 4 rad from row to row: beyond half a turn
-    rows = [f"{line.rsplit(',', 2)[0]},{a:.6f},{-a:.6f}" for line, a in zip(lines[1:], turned, strict=True)]
+    counts = 200.0 * (0.02 * np.arange(400))  # 4 rad from row to row: beyond half a turn
+    rows = [f"{line.rsplit(',', 2)[0]},{a:.6f},{-a:.6f}" for line, a in zip(lines[1:], counts, strict=True)]
     log.write_text("\n".join([lines[0], *rows]), encoding="utf-8")
     z = wheels_by(board, 'unit = "rad", radius_m = 0.04, derivative = true')
     np.testing.assert_allclose(z, np.tile([8.0, -8.0], (len(z), 1)), rtol=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "message"),
     [
         (f'unit = "counts", {COUNTER}', ("map.missing", {})),
         (
@@ -155,8 +155,8 @@ def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
         (f'unit = "m", {COUNTER}', ("expect.radius", {})),
     ],
 )
-def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, said):
-    with refused(said[0], FileError, **said[1]):
+def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, message):
+    with refused(message[0], FileError, **message[1]):
         wheels_by(board, entry)
 
 

@@ -61,13 +61,13 @@ GAP = ('time_unit = "s"', 'time_unit = "s"\nsplit_gap_s = 5.0')
 
 
 def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
-    found = import_runs(desk.map(SPLIT), [desk.file("log.csv", [7, 2, 11])])
-    assert [one.run.name for one in found] == ["log-007", "log-002", "log-011"]
-    assert [len(one.run.t_ns) for one in found] == [5, 5, 5]
+    imports = import_runs(desk.map(SPLIT), [desk.file("log.csv", [7, 2, 11])])
+    assert [imported_run.run.name for imported_run in imports] == ["log-007", "log-002", "log-011"]
+    assert [len(imported_run.run.t_ns) for imported_run in imports] == [5, 5, 5]
 
 
 @pytest.mark.parametrize(
-    ("where", "left"),
+    ("selection", "labels"),
     [
         ('{ trial = { not = "parking" } }', ["a", "b", "003"]),
         ('{ trial = { not = ["parking", "b"] } }', ["a", "003"]),
@@ -77,30 +77,30 @@ def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
         ("{ left = 0.2, rpm_l = { min = 30, not = 60.0 } }", ["parking", "a", "b", "003"]),
     ],
 )
-def test_where_takes_words_and_several_of_them(desk, where, left):
-    by_map = desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {where}"))
-    found = import_runs(by_map, [desk.file("log.csv", ["parking", "a", "b", "3.0"])])
-    assert [one.run.name for one in found] == [f"log-{label}" for label in left]
+def test_where_takes_words_and_several_of_them(desk, selection, labels):
+    by_map = desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {selection}"))
+    imports = import_runs(by_map, [desk.file("log.csv", ["parking", "a", "b", "3.0"])])
+    assert [imported_run.run.name for imported_run in imports] == [f"log-{label}" for label in labels]
 
 
 @pytest.mark.parametrize(
-    "where", ['{ left = { min = "0" } }', "{ left = { max = [1] } }", "{ left = 2020-01-01 }"]
+    "selection", ['{ left = { min = "0" } }', "{ left = { max = [1] } }", "{ left = 2020-01-01 }"]
 )
-def test_where_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, where):
+def test_where_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, selection):
     with refused("import.where", FileError, column="left"):
-        import_runs(desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {where}")), [desk.file("log.csv", [1])])
+        import_runs(desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {selection}")), [desk.file("log.csv", [1])])
 
 
 @pytest.mark.parametrize("restart", [True, False])
 def test_a_pause_or_a_time_that_begins_again_begins_a_run(desk, restart):
-    found = import_runs(desk.map(GAP), [desk.file("log.csv", [1, 1, 1], restart=restart)])
-    assert [one.run.name for one in found] == ["log-1", "log-2", "log-3"]
-    assert all(one.run.duration_s == pytest.approx(0.4) for one in found)
+    imports = import_runs(desk.map(GAP), [desk.file("log.csv", [1, 1, 1], restart=restart)])
+    assert [imported_run.run.name for imported_run in imports] == ["log-1", "log-2", "log-3"]
+    assert all(imported_run.run.duration_s == pytest.approx(0.4) for imported_run in imports)
 
 
 def test_several_files_of_an_open_place_are_several_runs(desk):
-    one, two = desk.file("one.csv", [1]), desk.file("two.csv", [1])
-    assert [i.run.name for i in import_runs(desk.map(), [one, two])] == ["one", "two"]
+    first, two = desk.file("one.csv", [1]), desk.file("two.csv", [1])
+    assert [i.run.name for i in import_runs(desk.map(), [first, two])] == ["one", "two"]
     assert [i.run.name for i in import_runs(desk.map(), [desk.folder / "*.csv"])] == ["one", "two"]
     by_map = desk.map(('time = "t"', 'path = "*.csv"\ntime = "t"'))
     assert [i.run.name for i in import_runs(by_map)] == ["one", "two"]
@@ -117,14 +117,16 @@ def test_the_tick_before_the_first_command_is_not_reported_of_each_import(desk):
     late = desk.file("late.csv", [1, 2])
     late.write_text(late.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
     by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
-    found = tuple(import_runs(by_map, [late]))
-    assert [[(d.code, d.usual) for d in one.doubts if d.level == "info"] for one in found] == [
+    imports = tuple(import_runs(by_map, [late]))
+    assert [
+        [(d.code, d.usual) for d in imported_run.doubts if d.level == "info"] for imported_run in imports
+    ] == [
         [("no command yet", False)],
         [("no command yet", True)],
     ]
-    assert "in 1 of 2 runs; the first: 2 ticks before the first command" in ImportedRuns(found).table()
-    assert "no command yet" not in ImportedRuns(found[1:]).table()
-    assert "no command yet" not in found[1].noticed.table()
+    assert "in 1 of 2 runs; the first: 2 ticks before the first command" in ImportedRuns(imports).table()
+    assert "no command yet" not in ImportedRuns(imports[1:]).table()
+    assert "no command yet" not in imports[1].noticed.table()
 
 
 def test_runs_one_under_the_other_are_distinguished_from_rows_that_came_late(desk):
@@ -135,20 +137,20 @@ def test_runs_one_under_the_other_are_distinguished_from_rows_that_came_late(des
     late.write_text(text, encoding="utf-8")
     with refused("import.steps-back", FileError, count=1, lost=1):
         import_runs(desk.map(), [late])
-    (one,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
-    assert one.doubts[0].text.endswith(": 1 rows up to there were left out")
+    (single,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
+    assert single.doubts[0].text.endswith(": 1 rows up to there were left out")
 
 
 def test_parts_that_are_too_short_are_left_out_and_reported(desk):
     path = desk.file("log.csv", [1, 2])
     path.write_text(path.read_text() + "3,0.0,0,0,0,0,0\n", encoding="utf-8")
-    found = import_runs(desk.map(SPLIT), [path])
-    assert len(found) == 2
-    assert [d.text for d in found[0].doubts if d.code == "short"] == [
+    imports = import_runs(desk.map(SPLIT), [path])
+    assert len(imports) == 2
+    assert [d.text for d in imports[0].doubts if d.code == "short"] == [
         "1 parts with fewer than 3 ticks were left out: log-003"
     ]
-    assert "in 1 of 2 runs" in ImportedRuns(tuple(found)).table()
-    assert ImportedRuns(tuple(found)).rows()[0]["run"] == "log-001"
+    assert "in 1 of 2 runs" in ImportedRuns(tuple(imports)).table()
+    assert ImportedRuns(tuple(imports)).rows()[0]["run"] == "log-001"
     with refused("import.too-short", FileError, parts=2, rows=2):
         import_runs(desk.map(SPLIT), [desk.file("short.csv", [1, 2], rows=2)])
 
@@ -160,8 +162,8 @@ def test_a_held_channel_of_a_split_file_is_split_with_it(desk):
         ("[command]", slow + '[command]\nfile = "log"'),
         ("[sensors.wheels]", '[sensors.wheels]\nfile = "slow"'),
     )
-    found = import_runs(by_map, [desk.file("log.csv", [1, 2])])
-    assert [len(one.run.sensors["wheels"].t_ns) for one in found] == [3, 3]
+    imports = import_runs(by_map, [desk.file("log.csv", [1, 2])])
+    assert [len(imported_run.run.sensors["wheels"].t_ns) for imported_run in imports] == [3, 3]
 
 
 TWO = (
@@ -173,9 +175,12 @@ TWO = (
 )
 
 
-def speeds(found):
+def speeds(imports):
     """The speed of the left wheel in the last row of each run, in rows' units."""
-    return {one.run.name: round(one.run.sensors["wheels"].z[-1, 0] / (np.pi / 10.0)) for one in found}
+    return {
+        imported_run.run.name: round(imported_run.run.sensors["wheels"].z[-1, 0] / (np.pi / 10.0))
+        for imported_run in imports
+    }
 
 
 def test_files_that_are_split_are_matched_by_the_value_and_not_by_the_order(desk):
@@ -183,8 +188,8 @@ def test_files_that_are_split_are_matched_by_the_value_and_not_by_the_order(desk
     odo = desk.file("odo.csv", ["tuesday"], rows=5)
     later = desk.file("monday.csv", ["monday"], rows=4)
     odo.write_text(odo.read_text() + later.read_text().removeprefix(HEAD), encoding="utf-8")
-    found = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
-    assert speeds(found) == {"log-monday": 3, "log-tuesday": 4}
+    imports = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
+    assert speeds(imports) == {"log-monday": 3, "log-tuesday": 4}
 
 
 @pytest.mark.parametrize("log", ["7", "7.0", "007"])
@@ -201,9 +206,9 @@ def test_a_value_that_one_file_lacks_is_left_out_and_named(desk):
         "many.toml: trial = parking, home of [files.odo] is not in [files.log] and was left out"
     ]
     assert "not in all files" not in [d.code for d in second.doubts]
-    found = import_runs(desk.map(SPLIT, *TWO), {"log": odo, "odo": log})
-    assert list(speeds(found)) == ["odo-tuesday", "odo-monday"]
-    assert "trial = parking, home of [files.log] is not in [files.odo]" in found[0].doubts[0].text
+    imports = import_runs(desk.map(SPLIT, *TWO), {"log": odo, "odo": log})
+    assert list(speeds(imports)) == ["odo-tuesday", "odo-monday"]
+    assert "trial = parking, home of [files.log] is not in [files.odo]" in imports[0].doubts[0].text
 
 
 def test_files_without_a_value_in_common_are_refused_with_what_each_has(desk):
@@ -216,34 +221,34 @@ def test_parts_after_a_pause_are_matched_in_order_within_each_value(desk):
     both = ('split = "trial"', 'split = "trial"\nsplit_gap_s = 5.0')
     log = desk.file("log.csv", ["a", "b", "b"], restart=False)
     odo = desk.file("odo.csv", ["a", "b", "b"], restart=False)
-    found = import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odo})
-    assert list(speeds(found)) == ["log-a-1", "log-b-1", "log-b-2"]
+    imports = import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odo})
+    assert list(speeds(imports)) == ["log-a-1", "log-b-1", "log-b-2"]
     fewer = desk.file("odo.csv", ["b", "a", "b"], rows=1, restart=False)
     longer = desk.file("odo.csv", ["a", "b"], restart=False)
-    for other in (fewer, longer):
+    for odometry in (fewer, longer):
         with refused(
             "import.parts-differ", FileError, found="[files.log] 2, [files.odo] 1", split="trial", value="b"
         ):
-            import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": other})
+            import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odometry})
 
 
 def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
     by_map = desk.map(GAP, *TWO, ('split = "trial"', "split_gap_s = 5.0"))
     log = desk.file("log.csv", [1, 1], restart=False)
-    found = import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1], restart=False)})
-    assert list(speeds(found)) == ["log-1", "log-2"]
+    imports = import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1], restart=False)})
+    assert list(speeds(imports)) == ["log-1", "log-2"]
     with refused("import.parts-differ", FileError, found="[files.log] 2, [files.odo] 3"):
         import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1, 1], restart=False)})
-    mixed = desk.map(SPLIT, *TWO, ('split = "trial"\n[ticks]', "split_gap_s = 5.0\n[ticks]"))
-    named = import_runs(mixed, {"log": desk.file("log.csv", [3, 4], restart=False), "odo": log})
-    assert list(speeds(named)) == ["log-003", "log-004"]
+    desk_map = desk.map(SPLIT, *TWO, ('split = "trial"\n[ticks]', "split_gap_s = 5.0\n[ticks]"))
+    runs_by_name = import_runs(desk_map, {"log": desk.file("log.csv", [3, 4], restart=False), "odo": log})
+    assert list(speeds(runs_by_name)) == ["log-003", "log-004"]
 
 
 def test_the_file_of_the_ticks_is_the_one_to_split(desk):
-    other = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
+    table = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
     by_map = desk.map(
         SPLIT,
-        ("[command]", other + '[command]\nfile = "log"'),
+        ("[command]", table + '[command]\nfile = "log"'),
         ("[sensors.wheels]", '[sensors.wheels]\nfile = "log"'),
     )
     with refused("import.split-not-ticks", FileError):
@@ -259,28 +264,28 @@ def test_wheels_become_a_forward_and_a_turning_command_and_roll_at_omega_r(desk)
 
 def test_what_nothing_measures_is_nan_and_raises_no_doubt(desk):
     imu = '[sensors.imu]\nz = [{ constant = nan }, { constant = nan }, { column = "t", unit = "rad/s" }]\n'
-    found = import_run(
+    imported_run = import_run(
         desk.map(("[sensors.wheels]", imu + "[sensors.wheels]")), [desk.file("log.csv", [1], rows=20)]
     )
-    z = found.run.sensors["imu"].z
+    z = imported_run.run.sensors["imu"].z
     assert np.isnan(z[:, :2]).all()
     assert np.isfinite(z[:, 2]).all()
-    assert "missing" not in [d.code for d in found.doubts]
+    assert "missing" not in [d.code for d in imported_run.doubts]
 
 
 def test_a_file_without_times_has_a_rate(desk):
     by_map = desk.map(('time = "t"\ntime_unit = "s"', "rate_hz = 20.0"))
     assert import_run(by_map, [desk.file("log.csv", [1])]).run.duration_s == pytest.approx(0.2)
-    for wrong, said in (
+    for wrong, message in (
         ("rate_hz = 0.0", ("expect.rate", {})),
         ('rate_hz = 5.0\ntime = "t"', ("expect.time", {})),
     ):
-        with refused(said[0], FileError, **said[1]):
+        with refused(message[0], FileError, **message[1]):
             import_run(desk.map(('time = "t"\ntime_unit = "s"', wrong)), [desk.file("log.csv", [1])])
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("wheels = [", "u = [], wheels = [", ("map.not-toml", {})),
         ('"rpm", radius_m = 0.1', '"rpm"', ("expect.measures-or-rolls", {})),
@@ -289,8 +294,8 @@ def test_a_file_without_times_has_a_rate(desk):
         ('column = "rpm_l", unit = "rpm", radius_m = 0.1', 'unit = "m/s"', ("expect.one-source", {})),
     ],
 )
-def test_a_map_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, old, new, said):
-    with refused(said[0], FileError, **said[1]):
+def test_a_map_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, old, new, message):
+    with refused(message[0], FileError, **message[1]):
         import_run(desk.map((old, new)), [desk.file("log.csv", [1])])
 
 
@@ -317,8 +322,8 @@ def test_runs_are_named_by_numbers_patterns_and_folders(desk, make_run):
 def test_a_part_that_names_another_folder_is_written_into_the_folder_that_was_asked_for(desk, monkeypatch):
     monkeypatch.chdir(desk.folder)
     log, by_map = desk.file("log.csv", ["x/../../../out", "\x1b[2Jb"]), desk.map(SPLIT)
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["runs", "import", str(by_map), str(log), "-o", "here/deep"])
-    assert not ended.value.code
-    found = sorted(str(path.relative_to(desk.folder)) for path in desk.folder.rglob("*.mcap"))
-    assert found == ["here/deep/log-[2Jb.mcap", "here/deep/log-x......out.mcap"]
+    assert not exit_info.value.code
+    files = sorted(str(path.relative_to(desk.folder)) for path in desk.folder.rglob("*.mcap"))
+    assert files == ["here/deep/log-[2Jb.mcap", "here/deep/log-x......out.mcap"]

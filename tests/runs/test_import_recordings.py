@@ -22,12 +22,12 @@ recordings = pytest.mark.skipif(DATA is None, reason="recordings cpm_mucar, dart
     [("a", 3991, 3795, 10, 1557747108.5), ("b", 3035, 2380, 11, 1557750112.3)],
 )
 def test_the_cpm_runs_come_with_commands_sensors_and_camera(run, rows, new, gaps, start):
-    found, doubts = import_run(f"cpm_run_{run}")
-    assert len(found.t_ns) == rows - 1
-    assert found.t_ns[0] == round((start + 0.04) * NANOSECONDS)
-    assert found.sensors["odometer"].z.shape == (rows, 1)
-    assert found.sensors["imu"].z.shape == (new, 3)  # the other rows held the measurement before
-    assert np.abs(found.applied).max() <= 1.0
+    imported_run, doubts = import_run(f"cpm_run_{run}")
+    assert len(imported_run.t_ns) == rows - 1
+    assert imported_run.t_ns[0] == round((start + 0.04) * NANOSECONDS)
+    assert imported_run.sensors["odometer"].z.shape == (rows, 1)
+    assert imported_run.sensors["imu"].z.shape == (new, 3)  # the other rows held the measurement before
+    assert np.abs(imported_run.applied).max() <= 1.0
     assert [d.level for d in doubts if d.level == "error"] == []
     assert sum(d.code == "gap" for d in doubts) == gaps
     scale = next(d.text for d in doubts if d.code == "scale" and "imu.z[2]" in d.text)

@@ -28,9 +28,9 @@ def of_page(kind, which=0):
 
 
 def run_line(line):
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(shlex.split(line)[1:])
-    assert ended.value.code in (0, None)
+    assert exit_info.value.code in (0, None)
 
 
 def trials(vehicle):
@@ -56,7 +56,7 @@ def trials(vehicle):
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("trials.toml").write_text(of_page("toml", 0), encoding="utf-8")
     Path("rover.toml").write_text(of_page("toml", 1), encoding="utf-8")
@@ -64,7 +64,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(here, capsys):
+def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(folder, capsys):
     run_line(of_page("sh", 0))
     runs = [read_run(path) for path in sorted(Path("trials").glob("*.mcap"))]
     assert [run.name for run in runs] == [f"trials-00{k}" for k in range(1, TRIALS + 1)]
@@ -83,18 +83,18 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(here, capsys):
     ):
         estimate, sd = (np.array(x)[index] for x in (fitted.value(name), fitted.provenance[name].sd))
         assert abs(estimate - true) < 4.0 * sd + 0.02 * true, (name, estimate, sd)
-    said = capsys.readouterr()
-    assert "held out" in said.out + said.err
+    printed = capsys.readouterr()
+    assert "held out" in printed.out + printed.err
     for line in of_page("sh", 2).splitlines():
         run_line(line)
-    replayed, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
-    errors = [one.ate_m for one in compare([replayed, reckoned]).runs]
+    replayed_run, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
+    errors = [comparison.ate_m for comparison in compare([replayed_run, reckoned]).runs]
     assert errors[0] < 0.03
     assert errors[0] < errors[1]
     assert Path("replayed.html").is_file()
 
 
-def test_the_line_of_the_page_for_counts_is_one_that_a_map_takes(here):
+def test_the_line_of_the_page_for_counts_is_one_that_a_map_takes(folder):
     (counts,) = re.findall(r"^# .*: (\{ column = \"left_counts\".*\})$", of_page("toml", 0), re.MULTILINE)
     text = Path("trials.toml").read_text(encoding="utf-8")
     rpm = '{ column = "left_rpm", unit = "rpm", radius_m = 0.03 }'

@@ -66,16 +66,16 @@ def recording(tmp_path_factory):
     (ahead, left), c, s = TRUE.lever_arm_m, np.cos(psi), np.sin(psi)
     x, y = run.truth.eta[::2, 0] + c * ahead - s * left, run.truth.eta[::2, 1] + s * ahead + c * left
     eta = np.column_stack([x, y, wrap(psi + TRUE.heading_rad)]) + rng.normal(size=(len(x), 3)) * 0.002
-    seen = np.column_stack([run.t_s[::2] - TRUE.shift_s, eta])
-    np.savetxt(folder / "camera.csv", seen[3:], delimiter=",", header="t,x,y,psi", comments="")
+    camera = np.column_stack([run.t_s[::2] - TRUE.shift_s, eta])
+    np.savetxt(folder / "camera.csv", camera[3:], delimiter=",", header="t,x,y,psi", comments="")
     (folder / "filmed.toml").write_text(MAP, encoding="utf-8")
     return folder, run
 
 
-def typed(*words):
-    with pytest.raises(SystemExit) as ended:
+def exit_code(*words):
+    with pytest.raises(SystemExit) as exit_info:
         main(list(words))
-    return ended.value.code
+    return exit_info.value.code
 
 
 def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_body(
@@ -85,27 +85,27 @@ def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_b
     monkeypatch.chdir(tmp_path)
     for path in folder.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    assert typed("runs", "import", "filmed.toml", "-o", "first.mcap") == 0
+    assert exit_code("runs", "import", "filmed.toml", "-o", "first.mcap") == 0
     words = ["--vehicle", "car", "--map", "filmed.toml"]
-    assert typed("runs", "calibrate", "first.mcap", *words) == 0
+    assert exit_code("runs", "calibrate", "first.mcap", *words) == 0
     text = (tmp_path / "filmed.toml").read_text(encoding="utf-8")
-    found = tomllib.loads(text)["truth"]
+    mount = tomllib.loads(text)["truth"]
     assert "# a camera above the floor" in text
     assert "(95 %), runs calibrate first" in text
-    assert found["shift_s"] == pytest.approx(TRUE.shift_s, abs=0.004)
-    assert found["lever_arm_m"] == pytest.approx(TRUE.lever_arm_m, abs=0.006)
-    assert found["heading_rad"] == pytest.approx(TRUE.heading_rad, abs=0.015)
-    again = import_run("filmed.toml").run
-    off = again.truth.eta[50:-50, :2] - np.column_stack(
-        [np.interp(again.truth.t_ns[50:-50], run.t_ns, column) for column in run.truth.eta[:, :2].T]
+    assert mount["shift_s"] == pytest.approx(TRUE.shift_s, abs=0.004)
+    assert mount["lever_arm_m"] == pytest.approx(TRUE.lever_arm_m, abs=0.006)
+    assert mount["heading_rad"] == pytest.approx(TRUE.heading_rad, abs=0.015)
+    second = import_run("filmed.toml").run
+    off = second.truth.eta[50:-50, :2] - np.column_stack(
+        [np.interp(second.truth.t_ns[50:-50], run.t_ns, column) for column in run.truth.eta[:, :2].T]
     )
     assert np.hypot(*off.T).mean() < 0.01, "7 cm before"
     capsys.readouterr()
-    assert typed("runs", "calibrate", "first.mcap", *words) == 2
+    assert exit_code("runs", "calibrate", "first.mcap", *words) == 2
     assert "Import the run again, and calibrate that" in capsys.readouterr().err
-    assert typed("runs", "import", "filmed.toml", "-o", "second.mcap") == 0
+    assert exit_code("runs", "import", "filmed.toml", "-o", "second.mcap") == 0
     capsys.readouterr()
-    assert typed("runs", "calibrate", "second.mcap", "--vehicle", "car", "--json") == 0
+    assert exit_code("runs", "calibrate", "second.mcap", "--vehicle", "car", "--json") == 0
     rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
     assert rows["clock.truth"]["value"] == pytest.approx(0.0, abs=0.002)
     assert rows["mark.x_m"]["value"] == pytest.approx(0.075, abs=0.006)  # the origin, ahead of the rear axle

@@ -33,7 +33,7 @@ def path(run, tmp_path):
     return write_run(run, tmp_path / "0001-test.mcap")
 
 
-def decoded(path, topics=None):
+def messages_of(path, topics=None):
     """(topic, time of arrival, message) by mcap-ros2-support."""
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -93,29 +93,31 @@ def test_the_mcap_reader_finds_every_topic_and_the_vehicle_file(run, path):
 
 
 def test_mcap_ros2_support_decodes_every_message(run, path):
-    read = {}
-    for topic, t_ns, message in decoded(path):
-        read.setdefault(topic, []).append((t_ns, message))
-    assert set(read) == set(TOPICS)
-    for topic, messages in read.items():
+    messages_by_topic = {}
+    for topic, t_ns, message in messages_of(path):
+        messages_by_topic.setdefault(topic, []).append((t_ns, message))
+    assert set(messages_by_topic) == set(TOPICS)
+    for topic, messages in messages_by_topic.items():
         check(run, topic, messages)
 
 
 def test_rosbags_decodes_every_message(run, path):
-    read = {}
+    messages_by_topic = {}
     with AnyReader([path]) as reader:
         for connection, t_ns, raw in reader.messages():
             assert connection.msgtype == TOPICS[connection.topic][0]
-            read.setdefault(connection.topic, []).append((t_ns, reader.deserialize(raw, connection.msgtype)))
-    assert set(read) == set(TOPICS)
-    for topic, messages in read.items():
+            messages_by_topic.setdefault(connection.topic, []).append(
+                (t_ns, reader.deserialize(raw, connection.msgtype))
+            )
+    assert set(messages_by_topic) == set(TOPICS)
+    for topic, messages in messages_by_topic.items():
         check(run, topic, messages)
 
 
 def test_an_estimate_without_innovation_is_decoded_too(run, tmp_path):
     quiet = replace(run, estimate=run.estimate._replace(innovation=None, innovation_cov=None))
     path = write_run(quiet, tmp_path / "x.mcap")
-    _, _, first = next(decoded(path, ["/estimate"]))
+    _, _, first = next(messages_of(path, ["/estimate"]))
     assert (first.innovation_size, list(first.innovation), list(first.innovation_cov)) == (0, [], [])
     with AnyReader([path]) as reader:
         connections = [c for c in reader.connections if c.topic == "/estimate"]
@@ -126,11 +128,11 @@ def test_an_estimate_without_innovation_is_decoded_too(run, tmp_path):
 def test_every_definition_holds_all_it_needs():
     for name, text in SCHEMAS.items():
         parts = text.split("=" * 80)
-        defined = {part.splitlines()[1].removeprefix("MSG: ") for part in parts[1:]}
-        used = {
+        definitions = {part.splitlines()[1].removeprefix("MSG: ") for part in parts[1:]}
+        names_used = {
             line.split()[0]
             for part in parts
             for line in part.splitlines()
             if "/" in line.split("#")[0][:40] and "MSG:" not in line
         }
-        assert used <= defined, name
+        assert names_used <= definitions, name

@@ -22,11 +22,11 @@ doubles = st.floats(width=64, allow_nan=True, allow_infinity=True, allow_subnorm
 
 
 def test_a_run_written_and_read_back_is_equal_bit_by_bit(run, tmp_path):
-    read = read_run(write_run(run, tmp_path / "0001-José Núñez.mcap"))
-    assert read == run
-    assert read.notes == ()
-    assert read.name == "0001-José Núñez"
-    assert list(read.sensors) == ["imu", "odometer"]
+    read_back = read_run(write_run(run, tmp_path / "0001-José Núñez.mcap"))
+    assert read_back == run
+    assert read_back.notes == ()
+    assert read_back.name == "0001-José Núñez"
+    assert list(read_back.sensors) == ["imu", "odometer"]
 
 
 @settings(max_examples=40)
@@ -60,11 +60,11 @@ def test_an_estimator_that_reports_no_innovation_is_read_back_so(run, tmp_path):
 
 def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
     empty = make_run(N=0)
-    read = read_run(write_run(empty, tmp_path / "x.mcap"))
-    assert read == empty
-    assert read.applied.shape == (0, 3)
-    assert list(read.ticks()) == []
-    assert read.duration_s == 0.0
+    read_back = read_run(write_run(empty, tmp_path / "x.mcap"))
+    assert read_back == empty
+    assert read_back.applied.shape == (0, 3)
+    assert list(read_back.ticks()) == []
+    assert read_back.duration_s == 0.0
 
 
 def test_runs_differ_by_one_bit_but_not_by_name(run):
@@ -81,8 +81,8 @@ def test_ticks_bring_the_newest_measurement_since_the_tick_before():
     arrival = np.array([5, 9, 20, 31, 39, 45])
     z = np.arange(6.0)[:, None]
     run = Run("x", None, t_ns, np.zeros((4, 1)), sensors={"a": Channel(arrival - 3, arrival, z)})
-    seen = [(tick.t_ns, tick.sensors.a.has, float(tick.sensors.a.z[0])) for tick in run.ticks()]
-    assert seen == [(10, 1.0, 1.0), (20, 1.0, 2.0), (30, 0.0, 0.0), (40, 1.0, 4.0)]
+    rows = [(tick.t_ns, tick.sensors.a.has, float(tick.sensors.a.z[0])) for tick in run.ticks()]
+    assert rows == [(10, 1.0, 1.0), (20, 1.0, 2.0), (30, 0.0, 0.0), (40, 1.0, 4.0)]
 
 
 def test_a_cut_gives_the_same_ticks_as_the_whole_run(run):
@@ -105,9 +105,9 @@ def records(run, sensors):
         t_ns, e, r = tick.t_ns, run.estimate, run.reference
         estimate = Estimate(t_ns, e.eta[k], e.nu[k], e.cov[k], e.innovation[k], e.innovation_cov[k])
         reference = Reference(t_ns, r.eta[k], r.nu[k], r.done[k])
-        requested, sent = Command(t_ns, run.requested[k]), Command(t_ns, run.sent[k])
+        requested, sent_command = Command(t_ns, run.requested[k]), Command(t_ns, run.sent[k])
         yield SimpleNamespace(
-            tick=tick, requested=requested, command=sent, estimate=estimate, reference=reference
+            tick=tick, requested=requested, command=sent_command, estimate=estimate, reference=reference
         )
 
 
@@ -119,24 +119,24 @@ def test_a_run_recorded_tick_by_tick_is_the_run_written_at_once(run, tmp_path):
             t = run.truth
             writer.truth(record.tick.t_ns, Motion(t.eta[k], t.nu[k], t.nu_dot[k], np.zeros(2)))
         writer.event(*run.events[0][:4])
-    read = read_run(path)
-    assert read == replace(run, metadata=versions() | run.metadata)
-    assert read.notes == ()
+    read_back = read_run(path)
+    assert read_back == replace(run, metadata=versions() | run.metadata)
+    assert read_back.notes == ()
 
 
 def test_what_an_event_says_as_data_comes_back_as_it_was(run, tmp_path):
     cause = stop(StopReason.UNO_RESET, cause="brown-out")
-    why = note("drive.line-in-trouble", Severity.WARNING, "look", lost=3, share=1.0 / 3.0, cause=cause)
+    message = note("drive.line-in-trouble", Severity.WARNING, "look", lost=3, share=1.0 / 3.0, cause=cause)
     with RunWriter(tmp_path / "x.mcap", run.vehicle_text) as writer:
         for record in records(run, run.sensors):
             writer.record(record)
-        writer.event(5, "warning", "line", why)
+        writer.event(5, "warning", "line", message)
         writer.event(6, "error", "loop", cause)
-    read = read_run(tmp_path / "x.mcap")
-    assert [event.diagnostic for event in read.events] == [why, cause]
-    assert [event.text for event in read.events] == [text(why), text(cause)]
-    assert stop_of(read) == cause
-    assert stop_of(replace(read, events=(Event(6, "error", "loop", "in words"),))) == stop(
+    read_back = read_run(tmp_path / "x.mcap")
+    assert [event.diagnostic for event in read_back.events] == [message, cause]
+    assert [event.text for event in read_back.events] == [text(message), text(cause)]
+    assert stop_of(read_back) == cause
+    assert stop_of(replace(read_back, events=(Event(6, "error", "loop", "in words"),))) == stop(
         StopReason.RECORDED, words="in words"
     )
 
@@ -231,7 +231,7 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (
             {"t_ns": np.array([1, 1])},
@@ -258,6 +258,6 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
         ({"estimate": COV}, ("run.shape", {"name": "estimate.cov"})),
     ],
 )
-def test_a_run_of_wrong_shapes_is_refused(change, said):
-    with refused(said[0], ValueError, **said[1]):
+def test_a_run_of_wrong_shapes_is_refused(change, message):
+    with refused(message[0], ValueError, **message[1]):
         Run(**{"name": "x", "path": None, "t_ns": TWO, "applied": np.zeros((2, 1))} | change)

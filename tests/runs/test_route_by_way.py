@@ -12,7 +12,7 @@ from tests.codes import refused
 HEAD = "# closed = false\ns_m,x_m,y_m,psi_rad,v_m_s"
 
 
-def written(path, rows, head=HEAD):
+def written_route(path, rows, head=HEAD):
     path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
     return path
 
@@ -20,13 +20,13 @@ def written(path, rows, head=HEAD):
 @pytest.mark.parametrize("route", [circle(0.5, 0.2), eight(0.6, 0.2), rectangle(1.2, 0.8, 0.2, 0.2)])
 def test_a_drawn_route_over_its_way_is_the_route_over_time(tmp_path, route):
     rows = np.column_stack([way(route.eta[:, :2]), route.eta, route.nu[:, 0]]).tolist()
-    again = read_route(written(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
-    np.testing.assert_array_equal(again.eta, route.eta)
-    np.testing.assert_allclose(again.t_s, route.t_s, rtol=1e-4)
+    second = read_route(written_route(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
+    np.testing.assert_array_equal(second.eta, route.eta)
+    np.testing.assert_allclose(second.t_s, route.t_s, rtol=1e-4)
     np.testing.assert_allclose(
-        again.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51
+        second.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51
     )  # half a step of a corner's yaw rate
-    assert np.median(np.abs(again.nu[:, 2] - route.nu[:, 2])) < 1e-3
+    assert np.median(np.abs(second.nu[:, 2] - route.nu[:, 2])) < 1e-3
 
 
 def test_a_speed_profile_a_stop_and_a_turn_on_the_spot_take_their_time(tmp_path):
@@ -37,7 +37,7 @@ def test_a_speed_profile_a_stop_and_a_turn_on_the_spot_take_their_time(tmp_path)
         "0.5,0.5,0,0,0.2,0",
         "0.5,0.5,0,1.5,0.2,0",
     ]
-    route = read_route(written(tmp_path / "r.csv", rows, HEAD + ",wait_s"))
+    route = read_route(written_route(tmp_path / "r.csv", rows, HEAD + ",wait_s"))
     np.testing.assert_allclose(route.t_s, [0.0, 1.0, 2.0, 5.0, 6.0, 7.5])
     np.testing.assert_array_equal(route.eta[2], route.eta[3])
     assert np.all(route.nu[2:4] == 0.0)
@@ -55,4 +55,4 @@ def test_a_speed_profile_a_stop_and_a_turn_on_the_spot_take_their_time(tmp_path)
 )
 def test_what_is_no_route_is_refused(tmp_path, code, rows):
     with refused(code, FileError):
-        read_route(written(tmp_path / "r.csv", rows))
+        read_route(written_route(tmp_path / "r.csv", rows))

@@ -16,23 +16,23 @@ def slow(rng, *shape, a=0.9):
     return x
 
 
-@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("is_swapped", [False, True])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("ratio", [1.0, *(r for r in UNITS if r != 1000.0 / 9.80665)])
-def test_a_signed_permutation_and_a_unit_are_found(swapped, sign, ratio):
+def test_a_signed_permutation_and_a_unit_are_found(is_swapped, sign, ratio):
     h = slow(np.random.default_rng(1), 300, 2)
-    z = (h[:, ::-1] if swapped else h) * sign * ratio + 0.1 * ratio * np.random.default_rng(2).normal(
+    z = (h[:, ::-1] if is_swapped else h) * sign * ratio + 0.1 * ratio * np.random.default_rng(2).normal(
         size=(300, 2)
     )
-    found = signal_map(z, h, [MappedChannel(0.4, 2.5, UNITS)] * 2)
-    for i, one in enumerate(found):
-        assert one.of == (1 - i if swapped else i)
-        assert np.sign(one.relation.slope) == sign
-        assert one.ratio == ratio
+    channels = signal_map(z, h, [MappedChannel(0.4, 2.5, UNITS)] * 2)
+    for i, channel in enumerate(channels):
+        assert channel.of == (1 - i if is_swapped else i)
+        assert np.sign(channel.relation.slope) == sign
+        assert channel.ratio == ratio
 
 
 def test_signals_that_move_slowly_are_related_by_chance_in_one_case_of_a_hundred_at_most():
     """Of 400 that have nothing in common, one of seven correlates beyond 0.3; two count as related."""
-    found = [relation(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)]
-    assert sum(abs(one.correlation) > 0.3 for one in found) > 40
-    assert sum(one.is_clear(NOTHING) for one in found) <= 4
+    relations = [relation(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)]
+    assert sum(abs(pair.correlation) > 0.3 for pair in relations) > 40
+    assert sum(pair.is_clear(NOTHING) for pair in relations) <= 4

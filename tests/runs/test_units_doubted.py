@@ -28,31 +28,31 @@ def car(rate: float, seconds: float = 30.0) -> dict[str, np.ndarray]:
     return {"t": t, "throttle": throttle, "servo": servo, "ax": a_x, "ay": a_y, "gz": gyro, "v": v}
 
 
-def imported(
+def import_message(
     tmp_path, hz: float = 10.0, odometer: bool = False, change: dict[str, Any] | None = None, **units: str
 ):
     columns = car(hz)
-    for name, how in (change or {}).items():
-        columns[name] = how(columns[name])
+    for name, convert in (change or {}).items():
+        columns[name] = convert(columns[name])
     rows = np.column_stack(list(columns.values()))
     lines = [",".join(columns), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
     (tmp_path / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    told = {"time": "s", "duty": "1", "scale": "1.0", "acceleration": "m/s^2", "rate": "rad/s"} | units
-    duty = f'unit = "{told["duty"]}", scale = {told["scale"]}'
+    texts = {"time": "s", "duty": "1", "scale": "1.0", "acceleration": "m/s^2", "rate": "rad/s"} | units
+    duty = f'unit = "{texts["duty"]}", scale = {texts["scale"]}'
     speed = '[sensors.odometer]\nz = [ { column = "v", unit = "m/s" } ]\n' if odometer else ""
     (tmp_path / "map.toml").write_text(
         f"""format = 1
 [files.log]
 path = "log.csv"
 time = "t"
-time_unit = "{told["time"]}"
+time_unit = "{texts["time"]}"
 [command]
 names = ["throttle", "servo"]
 in_force = "from"
 u = [ {{ column = "throttle", {duty} }}, {{ column = "servo", {duty} }} ]
 [sensors.imu]
-z = [ {{ column = "ax", unit = "{told["acceleration"]}" }}, {{ column = "ay", unit = "{told["acceleration"]}" }},
-      {{ column = "gz", unit = "{told["rate"]}" }} ]
+z = [ {{ column = "ax", unit = "{texts["acceleration"]}" }}, {{ column = "ay", unit = "{texts["acceleration"]}" }},
+      {{ column = "gz", unit = "{texts["rate"]}" }} ]
 {speed}""",
         encoding="utf-8",
     )
@@ -65,8 +65,8 @@ z = [ {{ column = "ax", unit = "{told["acceleration"]}" }}, {{ column = "ay", un
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("odometer", [True, False])
 def test_a_sound_recording_of_a_car_is_not_doubted(tmp_path, rate, odometer):
-    assert "warning" not in imported(tmp_path, rate, odometer)
-    assert "write" not in imported(tmp_path, rate, odometer)
+    assert "warning" not in import_message(tmp_path, rate, odometer)
+    assert "write" not in import_message(tmp_path, rate, odometer)
 
 
 SCALED = {
@@ -81,51 +81,53 @@ SCALED = {
 @pytest.mark.parametrize("mistake", SCALED)
 def test_a_sensor_in_another_unit_is_reported_where_a_speed_is_known(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
-    assert line in imported(tmp_path, rate, True, change, **units)
+    assert line in import_message(tmp_path, rate, True, change, **units)
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("mistake", ["accelerometer in g", "gyro in deg/s", "gyro is SI"])
 def test_and_by_what_a_sensor_does_at_rest_and_in_curves_where_none_is(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
-    assert line in imported(tmp_path, rate, False, change, **units)
+    assert line in import_message(tmp_path, rate, False, change, **units)
 
 
 def test_a_gyro_in_degrees_is_reported_though_it_turns_slowly(tmp_path):
-    said = imported(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
-    assert "before the first command; small gyros have less noise" in said
-    assert 'write unit = "deg/s"' in said
-    spins = imported(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
+    message = import_message(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
+    assert "before the first command; small gyros have less noise" in message
+    assert 'write unit = "deg/s"' in message
+    spins = import_message(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
     assert "2.4 turns a second" in spins
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
-@pytest.mark.parametrize(("factor", "told"), [(1e3, "ms"), (1e6, "us")])
-def test_milliseconds_and_microseconds_for_seconds_are_reported(tmp_path, rate, factor, told):
-    assert f'time_unit = "{told}"' in imported(tmp_path, rate, change={"t": lambda t: factor * t})
+@pytest.mark.parametrize(("factor", "time_unit"), [(1e3, "ms"), (1e6, "us")])
+def test_milliseconds_and_microseconds_for_seconds_are_reported(tmp_path, rate, factor, time_unit):
+    assert f'time_unit = "{time_unit}"' in import_message(tmp_path, rate, change={"t": lambda t: factor * t})
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
-@pytest.mark.parametrize(("factor", "told", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")])
-def test_id2_any_unit_of_time_for_another_is_reported(tmp_path, rate, factor, told, true):
-    said = imported(tmp_path, rate, change={"t": lambda t: factor * t}, time=told)
-    assert f'time_unit = "{true}"' in said
+@pytest.mark.parametrize(
+    ("factor", "time_unit", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")]
+)
+def test_id2_any_unit_of_time_for_another_is_reported(tmp_path, rate, factor, time_unit, true):
+    message = import_message(tmp_path, rate, change={"t": lambda t: factor * t}, time=time_unit)
+    assert f'time_unit = "{true}"' in message
 
 
 @pytest.mark.parametrize("rate", [1.0, 0.5])
 def test_of_a_slow_log_the_unit_is_reported_by_how_long_it_would_last(tmp_path, rate):
     """In µs thirty rows would last 30 ms, and no recording of a vehicle is that short."""
-    assert 'time_unit = "ms"' in imported(tmp_path, rate, change={"t": lambda t: 1e3 * t})
+    assert 'time_unit = "ms"' in import_message(tmp_path, rate, change={"t": lambda t: 1e3 * t})
 
 
 def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_not_a_nonsense(tmp_path):
-    said = imported(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
-    assert "a tick lasts 1 s" in said
-    assert 'time_unit = "ms"' in said
+    message = import_message(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
+    assert "a tick lasts 1 s" in message
+    assert 'time_unit = "ms"' in message
 
 
 @pytest.mark.parametrize(
-    ("how", "unit", "line"),
+    ("convert", "unit", "line"),
     [
         (lambda u: 100.0 * u, "1", 'write unit = "%"'),
         (lambda u: np.round(255.0 * u), "1", "scale = 0.00392157, where a full command is 255"),
@@ -137,11 +139,11 @@ def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_
     ],
 )
 def test_a_command_in_another_unit_is_reported_by_the_full_scale_of_the_whole_vehicle(
-    tmp_path, how, unit, line
+    tmp_path, convert, unit, line
 ):
-    said = imported(tmp_path, change={"throttle": how, "servo": how}, duty=unit)
-    assert said.startswith("refused")
-    assert line in said
+    message = import_message(tmp_path, change={"throttle": convert, "servo": convert}, duty=unit)
+    assert message.startswith("refused")
+    assert line in message
 
 
 @pytest.mark.parametrize("largest", [1.3, 2.9, 3.1, 4.0, 7.0, 8.0, 90.0])
@@ -152,35 +154,37 @@ def test_the_line_for_a_command_is_taken_by_the_import_that_asks_for_it(tmp_path
     def commanded(**units):
         at = {name: largest / np.max(np.abs(car(10.0)[name])) for name in ("throttle", "servo")}
         change = {"throttle": lambda u: 0.7 * at["throttle"] * u, "servo": lambda u: at["servo"] * u}
-        return imported(tmp_path, change=change, **units)
+        return import_message(tmp_path, change=change, **units)
 
-    said, physical = commanded(duty=duty), largest < 3.0
-    assert said.startswith("refused") == (duty == "1" or physical)
-    assert ("a set-point in a physical unit" in said) == physical
-    lines = re.findall(r'(?:write|or) (?=unit|scale)(?:unit = "(1|%)")?(?:, )?(?:scale = ([0-9.e-]+))?', said)
-    assert bool(lines) == said.startswith("refused")
+    message, physical = commanded(duty=duty), largest < 3.0
+    assert message.startswith("refused") == (duty == "1" or physical)
+    assert ("a set-point in a physical unit" in message) == physical
+    lines = re.findall(
+        r'(?:write|or) (?=unit|scale)(?:unit = "(1|%)")?(?:, )?(?:scale = ([0-9.e-]+))?', message
+    )
+    assert bool(lines) == message.startswith("refused")
     for unit, scale in lines:
         after = commanded(duty=unit or duty, scale=scale or "1.0")
         assert not after.startswith("refused"), (unit, scale, after)
 
 
 def test_a_throttle_that_is_a_part_beside_a_servo_in_per_cent_is_reported(tmp_path):
-    said = imported(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
-    assert "(throttle) reaches 0.00" in said
-    assert 'write unit = "1"' in said
+    message = import_message(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
+    assert "(throttle) reaches 0.00" in message
+    assert 'write unit = "1"' in message
 
 
 def test_a_cure_of_several_entries_is_reported_once(tmp_path):
-    said = imported(tmp_path, change={"throttle": lambda u: 250.0 * u, "servo": lambda u: 250.0 * u})
-    assert said.count("0.00392157") == 1
-    assert "(throttle)" in said
-    assert "(servo)" in said
+    message = import_message(tmp_path, change={"throttle": lambda u: 250.0 * u, "servo": lambda u: 250.0 * u})
+    assert message.count("0.00392157") == 1
+    assert "(throttle)" in message
+    assert "(servo)" in message
 
 
 def test_many_doubts_of_a_kind_are_one_line(tmp_path):
     def with_gaps(t: np.ndarray) -> np.ndarray:
         return t + 0.3 * (np.arange(len(t)) // 20)
 
-    said = imported(tmp_path, change={"t": with_gaps})
-    assert said.count("gap ") == 1
-    assert "(and 13 more such)" in said
+    message = import_message(tmp_path, change={"t": with_gaps})
+    assert message.count("gap ") == 1
+    assert "(and 13 more such)" in message

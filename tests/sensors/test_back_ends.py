@@ -72,20 +72,20 @@ def flat(tree) -> np.ndarray:
     return np.ravel(np.asarray(tree, dtype=float))
 
 
-def moved(motion: Motion, k: int) -> Motion:
-    tick = motion.tick and tuple(moved(there, k) for there in motion.tick)
+def moved_motion(motion: Motion, k: int) -> Motion:
+    tick = motion.tick and tuple(moved_motion(part, k) for part in motion.tick)
     return Motion(*(leaf[k] for leaf in motion[:4]), tick)
 
 
 def at(inputs: Input, k: int) -> Input:
-    return Input(moved(inputs.motion, k), inputs.dt_s[k], inputs.noise[k])
+    return Input(moved_motion(inputs.motion, k), inputs.dt_s[k], inputs.noise[k])
 
 
 @names
 def test_a_recording_is_the_same_in_every_back_end(name):
     sensor, rng, N = SENSORS[name], np.random.default_rng(4), 150
-    one, *tick = (Motion(*(rng.uniform(-3.0, 3.0, (N, n)) for n in (3, 3, 3, 2))) for _ in range(4))
-    motions = one._replace(tick=tuple(tick))
+    motion, *tick = (Motion(*(rng.uniform(-3.0, 3.0, (N, n)) for n in (3, 3, 3, 2))) for _ in range(4))
+    motions = motion._replace(tick=tuple(tick))
     inputs = Input(motions, rng.uniform(0.005, 0.015, N), rng.standard_normal((N, sensor.noise_size)))
 
     def step(state, x):
@@ -99,8 +99,8 @@ def test_a_recording_is_the_same_in_every_back_end(name):
     assert 0.0 < plain[:, 0].mean() <= 1.0
     for backend in ("python", "c"):
         end, slots = scan(step, sensor.init(), at(inputs, 0), backend=backend).run(inputs)
-        found = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in slots], axis=1)
-        assert np.all(np.abs(found - plain) <= 1e-12 * np.maximum(1.0, np.abs(plain))), backend
+        outputs = np.concatenate([np.reshape(leaf, (N, -1)) for leaf in slots], axis=1)
+        assert np.all(np.abs(outputs - plain) <= 1e-12 * np.maximum(1.0, np.abs(plain))), backend
         assert flat(end) == pytest.approx(flat(state), abs=1e-12, rel=1e-12), backend
 
 
@@ -123,14 +123,16 @@ def test_every_parameter_of_the_belief_in_an_imu_can_be_derived():
     paths += ["lever_arm_m[0]", "lever_arm_m[1]", "tilt_rad[0]", "tilt_rad[1]", "temperature_c"]
     paths += ["accel_temperature_slope[1]", "gyro_temperature_slope"]
     start = np.array([float(get(IMU, path)) for path in paths])
-    moved = Motion(np.zeros(3), np.array([0.4, -0.1, 2.0]), np.array([0.5, 0.3, -1.0]), np.array([0.1, -0.2]))
+    motion_ = Motion(
+        np.zeros(3), np.array([0.4, -0.1, 2.0]), np.array([0.5, 0.3, -1.0]), np.array([0.1, -0.2])
+    )
 
     def h(values):
         imu = IMU
         for path, value in zip(paths, values, strict=True):
             imu = put(imu, path, value)
-        return imu.h(moved)
+        return imu.h(motion_)
 
-    found = jacobian(h)(start)
-    assert found == pytest.approx(differences(h, start), abs=1e-7, rel=1e-7)
-    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
+    slope = jacobian(h)(start)
+    assert slope == pytest.approx(differences(h, start), abs=1e-7, rel=1e-7)
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"

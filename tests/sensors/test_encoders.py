@@ -12,7 +12,7 @@ def rolling(speed, turning=0.0):
     return Motion(np.zeros(3), np.array([speed, 0.0, turning]), np.zeros(3), np.zeros(2))
 
 
-def read(encoders, motions, dt_s=0.01):
+def readings_of(encoders, motions, dt_s=0.01):
     """(M, 2) readings and (M,) ages."""
     state, z, age_s = encoders.init(), [], []
     for motion in motions:
@@ -25,7 +25,7 @@ def read(encoders, motions, dt_s=0.01):
 
 def test_a_reading_is_whole_counts_over_its_time_and_half_of_that_time_old():
     """5 mm a count, read at 20 Hz: 0.23 m/s are 2.3 counts in 50 ms, so 2, 2, 2, 3 …"""
-    z, age_s = read(Encoders(track_m=0.1, count_m=0.005, rate_hz=20.0), [rolling(0.23)] * 100)
+    z, age_s = readings_of(Encoders(track_m=0.1, count_m=0.005, rate_hz=20.0), [rolling(0.23)] * 100)
     counts = z[:, 0] * 0.05 / 0.005
     assert counts == pytest.approx(np.round(counts))
     assert counts[:4] == pytest.approx([2.0, 2.0, 2.0, 3.0])
@@ -34,19 +34,21 @@ def test_a_reading_is_whole_counts_over_its_time_and_half_of_that_time_old():
 
 def test_the_way_that_was_counted_is_never_off_by_more_than_a_count():
     speeds = 0.3 + 0.25 * np.sin(np.linspace(0.0, 12.0, 1000))
-    z, _ = read(Encoders(track_m=0.1, count_m=0.005, rate_hz=100.0), [rolling(v) for v in speeds])
+    z, _ = readings_of(Encoders(track_m=0.1, count_m=0.005, rate_hz=100.0), [rolling(v) for v in speeds])
     assert np.abs(np.cumsum(z[:, 0]) - np.cumsum(speeds)).max() * 0.01 <= 0.005
 
 
 @pytest.mark.parametrize("speed", [0.4, -0.4])
 def test_a_counter_that_begins_again_is_not_a_leap_forward_or_backward(speed):
     """A counter of 16: 0.4 m/s are 4 counts of 1 mm in 10 ms, and it begins again every 40 ms."""
-    z, _ = read(Encoders(track_m=0.1, count_m=0.001, counter=16.0, rate_hz=100.0), [rolling(speed)] * 60)
+    z, _ = readings_of(
+        Encoders(track_m=0.1, count_m=0.001, counter=16.0, rate_hz=100.0), [rolling(speed)] * 60
+    )
     assert z[1:] == pytest.approx(np.full((59, 2), speed))
 
 
 def test_in_a_left_turn_the_right_wheel_counts_more():
-    z, _ = read(Encoders(track_m=0.12, count_m=1e-5), [rolling(0.5, 2.0)] * 100)
+    z, _ = readings_of(Encoders(track_m=0.12, count_m=1e-5), [rolling(0.5, 2.0)] * 100)
     assert z[-1] == pytest.approx([0.38, 0.62], abs=1e-3)
 
 
@@ -54,7 +56,7 @@ def test_the_covariance_is_that_of_two_roundings_and_what_one_has_too_much_the_n
     """Speeds that drift through the counts: variance c²/(6 δ²), correlation of neighbours −½, as (3) says."""
     encoders = Encoders(track_m=0.1, count_m=0.004, rate_hz=50.0)
     speeds = np.linspace(0.0, 0.8, 20_000)
-    z, _ = read(encoders, [rolling(v) for v in speeds])
+    z, _ = readings_of(encoders, [rolling(v) for v in speeds])
     error = z[:, 0] - speeds.reshape(-1, 2).mean(axis=1)
     assert error.var() == pytest.approx(encoders.cov[0, 0], rel=0.05)
     assert np.mean(error[1:] * error[:-1]) / error.var() == pytest.approx(-0.5, abs=0.05)

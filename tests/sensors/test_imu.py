@@ -22,8 +22,8 @@ def motion(nu=(0.0, 0.0, 0.0), nu_dot=(0.0, 0.0, 0.0), gravity=(0.0, 0.0), eta=(
     return Motion(*(np.array(a, dtype=float) for a in (eta, nu, nu_dot, gravity)))
 
 
-def read(imu, moved, noise=QUIET, dt_s=0.01):
-    _, slot = imu.step(imu.init(), moved, dt_s, noise)
+def reading_of(imu, motion_read, noise=QUIET, dt_s=0.01):
+    _, slot = imu.step(imu.init(), motion_read, dt_s, noise)
     return slot.z
 
 
@@ -36,9 +36,9 @@ def test_a_car_in_a_steady_circle_feels_v_omega_and_no_more():
     car = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3, linear_drag=4.0)
     state = car.init()
     for _ in range(300):
-        state, moved = car.step(state, np.array([0.5, 1.0]), 0.01, np.zeros(3))
+        state, motion_ = car.step(state, np.array([0.5, 1.0]), 0.01, np.zeros(3))
     v, omega = 0.5, 0.5 * np.tan(0.3) / 0.15
-    assert Imu().h(moved) == pytest.approx([0.0, v * omega, omega], abs=1e-4)
+    assert Imu().h(motion_) == pytest.approx([0.0, v * omega, omega], abs=1e-4)
 
 
 def test_speeding_up_presses_into_the_seat():
@@ -51,8 +51,8 @@ def test_at_rest_nose_uphill_it_feels_g_sin_alpha_forward():
 
 def test_rolling_freely_down_a_slope_it_feels_nothing():
     p = Planar(1.0, 1.0, np.eye(3), slope_rad=0.3, slope_heading_rad=1.0)
-    _, moved = p.step(p.init(), np.zeros(3), 0.01, np.zeros(3))
-    assert Imu().h(moved) == pytest.approx(np.zeros(3), abs=1e-12)
+    _, motion_ = p.step(p.init(), np.zeros(3), 0.01, np.zeros(3))
+    assert Imu().h(motion_) == pytest.approx(np.zeros(3), abs=1e-12)
 
 
 def test_ahead_of_the_axis_of_a_spin_it_is_pulled_backwards_and_swung_left():
@@ -67,19 +67,19 @@ def test_ahead_of_the_axis_of_a_spin_it_is_pulled_backwards_and_swung_left():
 def test_nose_down_mounting_reads_gravity_backwards_and_left_side_up_reads_it_to_the_left():
     pitched = Imu(tilt_rad=np.array([0.0, 0.02]))
     assert pitched.h(motion()) == pytest.approx([-G * np.sin(0.02), 0.0, 0.0])
-    rolled = Imu(tilt_rad=np.array([0.02, 0.0]))
-    assert rolled.h(motion()) == pytest.approx([0.0, G * np.sin(0.02), 0.0])
+    tilted = Imu(tilt_rad=np.array([0.02, 0.0]))
+    assert tilted.h(motion()) == pytest.approx([0.0, G * np.sin(0.02), 0.0])
 
 
 @QUICK
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), arrays(float, 2, elements=st.floats(-3.0, 3.0)))
-def test_a_tilted_imu_is_a_rotated_one(roll, pitch, felt):
+def test_a_tilted_imu_is_a_rotated_one(roll, pitch, force):
     c, s = np.cos, np.sin
     about_x = np.array([[1, 0, 0], [0, c(roll), -s(roll)], [0, s(roll), c(roll)]])
     about_y = np.array([[c(pitch), 0, s(pitch)], [0, 1, 0], [-s(pitch), 0, c(pitch)]])
     imu_from_body = (about_y @ about_x).T
-    z = Imu(tilt_rad=np.array([roll, pitch])).h(motion(nu=[0, 0, 1.5], nu_dot=[*felt, 0.0]))
-    assert z[:2] == pytest.approx((imu_from_body @ [felt[0], felt[1], G])[:2], abs=1e-12)
+    z = Imu(tilt_rad=np.array([roll, pitch])).h(motion(nu=[0, 0, 1.5], nu_dot=[*force, 0.0]))
+    assert z[:2] == pytest.approx((imu_from_body @ [force[0], force[1], G])[:2], abs=1e-12)
     assert z[2] == pytest.approx((imu_from_body @ [0.0, 0.0, 1.5])[2], abs=1e-12)
 
 
@@ -94,15 +94,15 @@ def test_what_it_feels_is_the_second_derivative_of_where_it_is():
     )
     lever, h, effort = np.array([0.03, -0.02]), 1e-4, np.array([1.0, -0.5, 0.7])
     eta, nu = np.array([0.3, -0.2, 0.8]), np.array([0.6, -0.2, 1.9])
-    places, moved = [], None
+    places, motion_ = [], None
     for k in range(3):
         places.append(eta[:2] + (map_from_body(eta[2]) @ [*lever, 0.0])[:2])
         if k == 1:
-            moved = motion(nu, p.nu_dot(nu, effort), eta=eta)
+            motion_ = motion(nu, p.nu_dot(nu, effort), eta=eta)
         eta, nu, _ = p.advance(eta, nu, steady(effort), h)
     acceleration = (places[0] - 2.0 * places[1] + places[2]) / h**2
-    felt = map_from_body(moved.eta[2])[:2, :2].T @ acceleration
-    assert Imu(lever_arm_m=lever).h(moved)[:2] == pytest.approx(felt, abs=1e-5)
+    force = map_from_body(motion_.eta[2])[:2, :2].T @ acceleration
+    assert Imu(lever_arm_m=lever).h(motion_)[:2] == pytest.approx(force, abs=1e-5)
 
 
 @QUICK
@@ -115,20 +115,20 @@ def test_the_papers_h_is_as_printed_for_any_mounting(nu, nu_dot):
 
 def test_the_papers_h_misses_six_tenths_in_a_circle_of_the_small_vehicle():
     """0.3 m/s and 2 rad/s (errata 3)."""
-    moved = motion(nu=[0.3, 0.0, 2.0])
-    missing = Imu().h(moved) - Imu(measurement_model="paper").h(moved)
+    motion_ = motion(nu=[0.3, 0.0, 2.0])
+    missing = Imu().h(motion_) - Imu(measurement_model="paper").h(motion_)
     assert missing == pytest.approx([0.0, 0.6, 0.0])
 
 
 def test_a_bias_is_added():
     imu = Imu(accel_bias=np.array([0.1, -0.2]), gyro_bias=0.03)
-    assert read(imu, motion()) == pytest.approx([0.1, -0.2, 0.03])
+    assert reading_of(imu, motion()) == pytest.approx([0.1, -0.2, 0.03])
 
 
 def test_a_scale_multiplies_what_is_felt_and_not_the_bias():
     imu = Imu(accel_scale=np.array([1.1, 0.9]), gyro_scale=1.03, gyro_bias=0.5)
-    moved = motion(nu=[0.0, 0.0, 2.0], nu_dot=[1.0, 1.0, 0.0])
-    assert read(imu, moved) == pytest.approx([1.1, 0.9, 2.56])
+    motion_ = motion(nu=[0.0, 0.0, 2.0], nu_dot=[1.0, 1.0, 0.0])
+    assert reading_of(imu, motion_) == pytest.approx([1.1, 0.9, 2.56])
 
 
 def test_a_warm_chip_has_another_bias():
@@ -138,13 +138,13 @@ def test_a_warm_chip_has_another_bias():
         accel_temperature_slope=np.array([0.01, -0.02]),
         gyro_temperature_slope=0.003,
     )
-    assert read(imu, motion()) == pytest.approx([0.1, -0.2, 0.03])
+    assert reading_of(imu, motion()) == pytest.approx([0.1, -0.2, 0.03])
 
 
 def test_noise_is_its_std_times_the_unit_normal_that_comes_in():
     imu = Imu(accel_noise_std=np.array([0.1, 0.2]), gyro_noise_std=0.01)
     noise = np.array([1.0, -2.0, 3.0, 9.0, 9.0, 9.0])
-    assert read(imu, motion(), noise) == pytest.approx([0.1, -0.4, 0.03])
+    assert reading_of(imu, motion(), noise) == pytest.approx([0.1, -0.4, 0.03])
 
 
 @pytest.mark.parametrize("dt_s", [0.01, 0.04])
@@ -161,22 +161,28 @@ def test_a_bias_walks_by_std_times_root_dt_and_stays_where_it_came(dt_s):
 
 def test_beyond_its_range_it_reads_the_end_of_it():
     imu = Imu(accel_limit=19.6, gyro_limit=8.7)
-    assert read(imu, motion(nu=[0, 0, -12.0], nu_dot=[30.0, -30.0, 0.0])) == pytest.approx(
+    assert reading_of(imu, motion(nu=[0, 0, -12.0], nu_dot=[30.0, -30.0, 0.0])) == pytest.approx(
         [19.6, -19.6, -8.7]
     )
-    assert read(imu, motion(nu=[0, 0, 8.0])) == pytest.approx([0.0, 0.0, 8.0])
+    assert reading_of(imu, motion(nu=[0, 0, 8.0])) == pytest.approx([0.0, 0.0, 8.0])
 
 
 def test_the_converter_rounds_to_its_steps():
     imu = Imu(accel_step=0.1, gyro_step=0.25)
-    assert read(imu, motion(nu=[0, 0, 0.3], nu_dot=[0.26, -0.26, 0])) == pytest.approx([0.3, -0.3, 0.25])
+    assert reading_of(imu, motion(nu=[0, 0, 0.3], nu_dot=[0.26, -0.26, 0])) == pytest.approx(
+        [0.3, -0.3, 0.25]
+    )
     fine = Imu(gyro_step=0.25)
-    assert read(fine, motion(nu=[0, 0, 0.3], nu_dot=[0.26, 0, 0])) == pytest.approx([0.26, 0.09 - 0.09, 0.25])
+    assert reading_of(fine, motion(nu=[0, 0, 0.3], nu_dot=[0.26, 0, 0])) == pytest.approx(
+        [0.26, 0.09 - 0.09, 0.25]
+    )
 
 
 def test_noise_is_rounded_and_cut_too():
     imu = Imu(accel_noise_std=np.array([1.0, 1.0]), accel_limit=2.0, accel_step=0.5)
-    assert read(imu, motion(), np.array([9.0, 0.7, 0.0, 0.0, 0.0, 0.0])) == pytest.approx([2.0, 0.5, 0.0])
+    assert reading_of(imu, motion(), np.array([9.0, 0.7, 0.0, 0.0, 0.0, 0.0])) == pytest.approx(
+        [2.0, 0.5, 0.0]
+    )
 
 
 def test_q_is_the_noise_squared_unless_a_fit_said_otherwise():
@@ -188,8 +194,8 @@ def test_q_is_the_noise_squared_unless_a_fit_said_otherwise():
 
 def test_a_step_never_changes_its_arguments():
     imu = Imu(delay_s=0.01, delay_slots=2, gyro_bias_walk=0.1)
-    state, moved, noise = imu.init(), motion(nu=[1.0, 0.0, 2.0]), np.ones(6)
-    imu.step(state, moved, 0.01, noise)
+    state, motion_, noise = imu.init(), motion(nu=[1.0, 0.0, 2.0]), np.ones(6)
+    imu.step(state, motion_, 0.01, noise)
     assert not state.signal.past.any()
     assert not state.bias.any()
     assert np.array_equal(noise, np.ones(6))
@@ -217,14 +223,14 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("code", "figures", "made"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, made):
+@pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
+def test_what_cannot_be_is_refused(code, figures, make):
     with refused(code, ValueError, **figures):
-        made()
+        make()
 
 
 def test_an_imu_that_is_turned_a_quarter_to_the_left_feels_forward_on_its_right():
     """Its own x looks to the vehicle's left: it feels y there, and −x along its y."""
-    moved = Motion(np.zeros(3), np.zeros(3), np.array([2.0, 0.5, 0.0]), np.zeros(2))
-    assert Imu(heading_rad=np.pi / 2).h(moved) == pytest.approx([0.5, -2.0, 0.0])
-    assert Imu(heading_rad=0.0).h(moved) == pytest.approx([2.0, 0.5, 0.0])
+    motion_ = Motion(np.zeros(3), np.zeros(3), np.array([2.0, 0.5, 0.0]), np.zeros(2))
+    assert Imu(heading_rad=np.pi / 2).h(motion_) == pytest.approx([0.5, -2.0, 0.0])
+    assert Imu(heading_rad=0.0).h(motion_) == pytest.approx([2.0, 0.5, 0.0])

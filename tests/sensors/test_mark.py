@@ -12,17 +12,17 @@ def at(x, y, psi=0.0):
     return Motion(np.array([x, y, psi]), np.zeros(3), np.zeros(3), np.zeros(2))
 
 
-def heard(mark, places, noise=0.0):
-    state, said = mark.init(), []
+def readings_of(mark, places, noise=0.0):
+    state, readings = mark.init(), []
     for x, y in places:
         state, slot = mark.step(state, at(x, y), 0.01, np.array([noise]))
-        said.append((float(slot.has), float(slot.z[0])))
-    return said
+        readings.append((float(slot.has), float(slot.z[0])))
+    return readings
 
 
 def test_a_line_is_passed_once_and_says_how_far_beyond_it_the_vehicle_is():
     mark = Mark(point_m=np.array([1.0, 0.0]))
-    assert heard(mark, [(0.9, 0.0), (0.98, 0.0), (1.02, 0.0), (1.1, 0.0)]) == [
+    assert readings_of(mark, [(0.9, 0.0), (0.98, 0.0), (1.02, 0.0), (1.1, 0.0)]) == [
         (0.0, 0.0),
         (0.0, 0.0),
         (1.0, pytest.approx(0.02)),
@@ -32,10 +32,10 @@ def test_a_line_is_passed_once_and_says_how_far_beyond_it_the_vehicle_is():
 
 def test_a_line_is_not_passed_backward_nor_beside_it_nor_by_leaving_it():
     mark = Mark(half_width_m=0.3)
-    assert not any(has for has, _ in heard(mark, [(0.1, 0.0), (-0.1, 0.0)]))
-    assert not any(has for has, _ in heard(mark, [(-0.1, 0.5), (0.1, 0.5)]))
-    assert not any(has for has, _ in heard(mark, [(0.0, 0.0), (0.1, 0.0)]))
-    assert [has for has, _ in heard(mark, [(-0.1, 0.2), (0.1, 0.2)])] == [0.0, 1.0]
+    assert not any(has for has, _ in readings_of(mark, [(0.1, 0.0), (-0.1, 0.0)]))
+    assert not any(has for has, _ in readings_of(mark, [(-0.1, 0.5), (0.1, 0.5)]))
+    assert not any(has for has, _ in readings_of(mark, [(0.0, 0.0), (0.1, 0.0)]))
+    assert [has for has, _ in readings_of(mark, [(-0.1, 0.2), (0.1, 0.2)])] == [0.0, 1.0]
 
 
 def test_a_line_that_is_passed_northward_measures_north():
@@ -45,7 +45,10 @@ def test_a_line_that_is_passed_northward_measures_north():
 
 
 def test_the_noise_of_a_mark_is_its_std_times_the_unit_normal():
-    assert heard(Mark(noise_std=0.01), [(-1.0, 0.0), (0.0, 0.0)], noise=2.0)[1] == (1.0, pytest.approx(0.02))
+    assert readings_of(Mark(noise_std=0.01), [(-1.0, 0.0), (0.0, 0.0)], noise=2.0)[1] == (
+        1.0,
+        pytest.approx(0.02),
+    )
     assert Mark(noise_std=0.01).cov == pytest.approx(1e-4 * np.eye(1))
     assert Mark(measurement_noise_cov=np.eye(1)).cov == pytest.approx(np.eye(1))
 

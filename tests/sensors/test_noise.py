@@ -65,18 +65,18 @@ def test_averaging_beats_white_noise_down_until_the_bias_walks():
     """As an Allan plot is read: σ/√n for the mean of n readings of white noise, a rise where the bias walks.
     400 blocks of 10 readings, bounds at 10⁻⁴ from χ² with 399 degrees; then 10 of 400, where the walk's part
     is 365 times that of the noise (false-alarm rate of the factor 3 below 10⁻⁴)."""
-    still = record(Imu(gyro_noise_std=0.01), seed=3)[:, 2]
-    means = still.reshape(-1, 10).mean(1)
+    resting = record(Imu(gyro_noise_std=0.01), seed=3)[:, 2]
+    means = resting.reshape(-1, 10).mean(1)
     assert 0.72 < np.var(means) / (0.01**2 / 10) < 1.30
     walking = record(Imu(gyro_noise_std=0.01, gyro_bias_walk=0.05), seed=3)[:, 2]
-    assert np.std(walking.reshape(-1, 400).mean(1)) > 3.0 * np.std(still.reshape(-1, 400).mean(1))
+    assert np.std(walking.reshape(-1, 400).mean(1)) > 3.0 * np.std(resting.reshape(-1, 400).mean(1))
 
 
 def test_rounding_adds_a_twelfth_of_a_step_squared():
     """Sheppard: with noise of a step the error of rounding is even in ± step/2; the mean square of 4000
     errors is within 3.89 √(1/180/N) of step²/12."""
     fine = record(Imu(gyro_noise_std=0.01), seed=4)[:, 2]
-    rounded = record(Imu(gyro_noise_std=0.01, gyro_step=0.01), seed=4)[:, 2]
-    error = (rounded - fine) / 0.01
+    rounded_rate = record(Imu(gyro_noise_std=0.01, gyro_step=0.01), seed=4)[:, 2]
+    error = (rounded_rate - fine) / 0.01
     assert np.max(np.abs(error)) <= 0.5 + 1e-9
     assert abs(np.mean(error**2) - 1.0 / 12.0) < NORMAL_1E_4 * np.sqrt(1.0 / 180.0 / N)

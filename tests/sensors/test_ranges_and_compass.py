@@ -13,7 +13,7 @@ def at(x, y, psi=0.0):
     return Motion(np.array([x, y, psi]), np.zeros(3), np.zeros(3), np.zeros(2))
 
 
-def said(sensor, motion, noise=0.0):
+def reading_of(sensor, motion, noise=0.0):
     """(has, z) of the first tick; a sensor of 100 Hz without a delay answers then."""
     _, slot = sensor.step(sensor.init(), motion, 0.01, np.array([noise]))
     return slot.has, slot.z[0]
@@ -39,8 +39,8 @@ def test_a_receiver_ahead_of_the_origin_is_nearer_to_what_lies_ahead():
 
 def test_a_beacon_out_of_reach_is_silent():
     beacon = Beacon(point_m=np.array([3.0, 0.0]), farthest_m=2.0, rate_hz=100.0)
-    assert said(beacon, at(0.0, 0.0)) == (0.0, 0.0)
-    assert said(beacon, at(2.0, 0.0))[0] == 1.0
+    assert reading_of(beacon, at(0.0, 0.0)) == (0.0, 0.0)
+    assert reading_of(beacon, at(2.0, 0.0))[0] == 1.0
 
 
 def test_a_wall_two_metres_ahead_is_farther_along_a_slanting_beam():
@@ -68,13 +68,13 @@ def test_a_wall_two_metres_ahead_is_farther_along_a_slanting_beam():
     ],
 )
 def test_a_rangefinder_speaks_where_its_beam_meets_the_wall(pose, has):
-    assert said(Rangefinder(half_width_m=1.0, **WALL), at(*pose))[0] == has
+    assert reading_of(Rangefinder(half_width_m=1.0, **WALL), at(*pose))[0] == has
 
 
 def test_a_compass_reads_the_heading_and_is_wrapped():
     compass = Compass(heading_rad=0.5, noise_std=0.1, rate_hz=100.0)
     assert compass.h(at(0.0, 0.0, 0.3)) == pytest.approx([0.8])
-    _, z = said(compass, at(0.0, 0.0, np.pi - 0.6), noise=2.0)
+    _, z = reading_of(compass, at(0.0, 0.0, np.pi - 0.6), noise=2.0)
     assert z == pytest.approx(-np.pi + 0.1)
     assert compass.difference(np.array([3.1]), np.array([-3.1])) == pytest.approx([wrap(6.2)])
 
@@ -115,6 +115,6 @@ def test_each_is_a_sensor_like_the_others(sensor):
 
 @pytest.mark.parametrize("sensor", [Beacon(point_m=np.zeros(2), rate_hz=100.0), Compass(rate_hz=100.0)])
 def test_noise_is_its_std_times_the_unit_normal(sensor):
-    (_, quiet), (_, loud) = (said(sensor, at(1.0, 0.0, 0.1), noise) for noise in (0.0, 2.0))
+    (_, quiet), (_, loud) = (reading_of(sensor, at(1.0, 0.0, 0.1), noise) for noise in (0.0, 2.0))
     assert loud - quiet == pytest.approx(0.2)
     assert sensor.cov == pytest.approx(0.01 * np.eye(1))

@@ -19,30 +19,30 @@ def at(x, y, psi=0.0):
     return Motion(np.array([x, y, psi]), np.zeros(3), np.zeros(3), np.zeros(2))
 
 
-def heard(tags, motions, noise=(0.0, 0.0)):
+def readings_of(tags, motions, noise=(0.0, 0.0)):
     """The readings (x, y), by the index of the motion."""
-    state, said = tags.init(), {}
+    state, readings = tags.init(), {}
     for k, motion in enumerate(motions):
         state, slot = tags.step(state, motion, 0.01, np.array(noise))
         if slot.has:
-            said[k] = slot.z
+            readings[k] = slot.z
         else:
             assert not slot.z.any()
-    return said
+    return readings
 
 
 def test_a_tag_is_read_once_where_the_reader_is_nearest_and_tells_its_place():
     tags = Tags(points_m=TWO, radius_m=0.1)
-    said = heard(tags, [at(x, 0.04) for x in (0.8, 0.95, 0.99, 1.01, 1.05, 1.3)])
-    assert list(said) == [3]
-    assert said[3] == pytest.approx([1.01, 0.04])
+    readings = readings_of(tags, [at(x, 0.04) for x in (0.8, 0.95, 0.99, 1.01, 1.05, 1.3)])
+    assert list(readings) == [3]
+    assert readings[3] == pytest.approx([1.01, 0.04])
 
 
 def test_who_does_not_see_the_offset_tells_the_place_of_the_tag_and_is_off_by_a_point_of_a_disc():
     """Uniform in a disc of radius r, a coordinate has the variance r²/4."""
     tags = Tags(points_m=TWO, radius_m=0.1, sees_offset=False, noise_std=0.003)
-    said = heard(tags, [at(x, 0.04) for x in (0.8, 0.99, 1.01)])
-    assert said[2] == pytest.approx([1.0, 0.0])
+    readings = readings_of(tags, [at(x, 0.04) for x in (0.8, 0.99, 1.01)])
+    assert readings[2] == pytest.approx([1.0, 0.0])
     rng = np.random.default_rng(0)
     disc = rng.uniform(-0.1, 0.1, (40_000, 2))
     disc = disc[np.hypot(*disc.T) < 0.1]
@@ -51,24 +51,24 @@ def test_who_does_not_see_the_offset_tells_the_place_of_the_tag_and_is_off_by_a_
 
 def test_beside_its_radius_nothing_is_read_however_long_the_step():
     tags = Tags(points_m=TWO, radius_m=0.1)
-    assert not heard(tags, [at(0.0, 0.11), at(3.0, 0.11)])
-    assert list(heard(tags, [at(0.0, 0.09), at(1.5, 0.09)])) == [1]
+    assert not readings_of(tags, [at(0.0, 0.11), at(3.0, 0.11)])
+    assert list(readings_of(tags, [at(0.0, 0.09), at(1.5, 0.09)])) == [1]
 
 
 def test_leaving_a_tag_on_which_it_stood_is_not_a_reading_and_trembling_on_one_is_one():
     tags = Tags(points_m=TWO, radius_m=0.1)
-    assert not heard(tags, [at(1.0 + 0.01 * k, 0.0) for k in range(-3, 60)])
+    assert not readings_of(tags, [at(1.0 + 0.01 * k, 0.0) for k in range(-3, 60)])
     trembling = [at(0.8, 0.0), *(at(1.0 + 0.02 * (-1) ** k, 0.0) for k in range(20))]
-    assert len(heard(tags, trembling)) == 1
-    assert len(heard(tags, [*trembling, at(1.5, 0.0), at(0.9, 0.0), at(1.0, 0.0)])) == 2
+    assert len(readings_of(tags, trembling)) == 1
+    assert len(readings_of(tags, [*trembling, at(1.5, 0.0), at(0.9, 0.0), at(1.0, 0.0)])) == 2
 
 
 def test_the_reader_sits_where_its_lever_arm_says():
     """0.1 m ahead and 0.02 m to the left of a vehicle that drives north through (1.02, y)."""
     tags = Tags(points_m=TWO, radius_m=0.05, lever_arm_m=np.array([0.1, 0.02]))
-    said = heard(tags, [at(1.02, y, np.pi / 2) for y in (-0.3, -0.11, -0.09, 0.2)])
-    assert list(said) == [2]
-    assert said[2] == pytest.approx([1.0, 0.01])
+    readings = readings_of(tags, [at(1.02, y, np.pi / 2) for y in (-0.3, -0.11, -0.09, 0.2)])
+    assert list(readings) == [2]
+    assert readings[2] == pytest.approx([1.0, 0.01])
 
 
 @QUICK
@@ -77,9 +77,9 @@ def test_a_straight_way_over_a_tag_is_one_reading_whatever_its_direction_and_its
     tags = Tags(points_m=np.array([[0.3, -0.2]]), radius_m=0.1)
     along, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
     ways = np.arange(-0.5, 0.5 + step_m, step_m)
-    said = heard(tags, [at(*(tags.points_m[0] + s * along + aside_m * left)) for s in ways])
-    assert len(said) == 1
-    (place,) = said.values()
+    readings = readings_of(tags, [at(*(tags.points_m[0] + s * along + aside_m * left)) for s in ways])
+    assert len(readings) == 1
+    (place,) = readings.values()
     assert abs((place - tags.points_m[0]) @ left - aside_m) < 1e-9
     assert -1e-9 <= (place - tags.points_m[0]) @ along < step_m + 1e-9
 
@@ -94,8 +94,8 @@ def test_a_mistake_is_the_way_from_the_tag_that_was_read_to_each_other_one():
 
 def test_noise_is_its_std_times_the_unit_normals_and_a_covariance_that_was_found_is_believed():
     tags = Tags(points_m=TWO, noise_std=0.01)
-    said = heard(tags, [at(0.5, 0.0), at(1.0, 0.0)], noise=(1.0, -2.0))
-    assert said[1] == pytest.approx([1.01, -0.02])
+    readings = readings_of(tags, [at(0.5, 0.0), at(1.0, 0.0)], noise=(1.0, -2.0))
+    assert readings[1] == pytest.approx([1.01, -0.02])
     assert tags.cov == pytest.approx(1e-4 * np.eye(2))
     assert Tags(points_m=TWO, measurement_noise_cov=np.eye(2)).cov == pytest.approx(np.eye(2))
 

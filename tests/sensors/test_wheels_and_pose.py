@@ -89,7 +89,7 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("code", "figures", "made"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, made):
+@pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
+def test_what_cannot_be_is_refused(code, figures, make):
     with refused(code, ValueError, **figures):
-        made()
+        make()

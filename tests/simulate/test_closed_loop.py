@@ -67,8 +67,8 @@ def test_the_vehicle_starts_where_the_route_does(vehicle):
 def test_moving_and_turning_the_world_changes_no_command(vehicle):
     from baqueano.guides.route import moved
 
-    there = moved(ROUTE, np.array([3.0, -2.0, 3.1]))
-    a, b = (simulate_loop(vehicle, r, seed=2, duration_s=2.0) for r in (ROUTE, there))
+    moved_route = moved(ROUTE, np.array([3.0, -2.0, 3.1]))
+    a, b = (simulate_loop(vehicle, r, seed=2, duration_s=2.0) for r in (ROUTE, moved_route))
     np.testing.assert_allclose(a.requested, b.requested, atol=1e-7)
 
 

@@ -32,13 +32,13 @@ def test_each_vehicle_is_the_one_simulated_alone(vehicle):
         "model.friction.linear[2]",
     )
     np.testing.assert_allclose(many.t_s, [0.25, 0.5, 0.75, 1.0])
-    one = vehicle.vehicle
+    model = vehicle.vehicle
     for l in range(3):
-        friction = replace(one.friction, linear=linear[l])
-        vehicle.vehicle = replace(one, mass_kg=mass[l], friction=friction)
-        alone = simulate(vehicle, U, eta0=[1, 2, 3], noise=False)
-        np.testing.assert_allclose(many.eta[l], alone.truth.eta[24::25], atol=1e-11)
-        np.testing.assert_allclose(many.nu[l], alone.truth.nu[24::25], atol=1e-11)
+        friction = replace(model.friction, linear=linear[l])
+        vehicle.vehicle = replace(model, mass_kg=mass[l], friction=friction)
+        single = simulate(vehicle, U, eta0=[1, 2, 3], noise=False)
+        np.testing.assert_allclose(many.eta[l], single.truth.eta[24::25], atol=1e-11)
+        np.testing.assert_allclose(many.nu[l], single.truth.nu[24::25], atol=1e-11)
 
 
 def test_the_number_of_chunks_changes_nothing(vehicle, monkeypatch):
@@ -71,7 +71,7 @@ def test_a_vehicle_that_explodes_is_counted_apart(vehicle):
     linear = np.tile([1.5, 40.0, 0.01], (4, 1))
     linear[2] = -1e6  # no file would allow it
     many = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
-    assert [(one.code, one.figures["lost"]) for one in many.reasons] == [("simulate.lost", 1)]
+    assert [(reason.code, reason.figures["lost"]) for reason in many.reasons] == [("simulate.lost", 1)]
     assert many.rows()[-1]["vehicles"] == 3
 
 
@@ -87,12 +87,12 @@ def test_draws_have_the_covariance_of_the_fit_and_stay_in_bounds(vehicle):
     cov[0, 1] = cov[1, 0] = 1e-3
     vehicle.parameter_cov = ParameterCov(names, cov)
     system = System(vehicle.vehicle, vehicle.sensors)
-    paths, theta, clipped = drawn(vehicle, system, 4000, seed=1)
+    paths, theta, clip_count = drawn(vehicle, system, 4000, seed=1)
     assert paths == (names[0], names[1], names[3])
     np.testing.assert_allclose(theta[:, :2].mean(axis=0), [0.61, 1.5], atol=4.5 * 0.2 / 63)
     np.testing.assert_allclose(np.cov(theta[:, :2].T), cov[:2, :2], rtol=4.5 / 30)
     assert theta[:, 2].min() == 0.0  # friction is never negative: half of the draws about 0
-    assert 1800 < clipped < 2200
+    assert 1800 < clip_count < 2200
 
 
 def test_draws_are_simulated(vehicle):

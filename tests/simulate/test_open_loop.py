@@ -81,11 +81,11 @@ def test_sensors_measure_at_their_own_rates(vehicle_with_odometer):
 
 def test_noise_has_the_deviation_that_the_file_says(vehicle):
     """4.5 σ bounds of a sample deviation over 3000 draws: a false alarm in 150 000."""
-    still = np.zeros((3000, 3))
+    zero = np.zeros((3000, 3))
     imu = replace(vehicle.sensors.imu, gyro_bias=0.0, gyro_bias_walk=0.0)
     vehicle.sensors = vehicle.sensors._replace(imu=imu)
     vehicle.vehicle = replace(vehicle.vehicle, process_noise_std=np.zeros(3))
-    z = simulate(vehicle, still, seed=11).sensors["imu"].z
+    z = simulate(vehicle, zero, seed=11).sensors["imu"].z
     sd = np.sqrt(np.mean(z**2, axis=0))
     np.testing.assert_allclose(sd, [0.05, 0.05, 0.002], rtol=4.5 / np.sqrt(2 * 3000))
 

@@ -30,36 +30,39 @@ def test_the_pose_that_is_known_is_that_of_the_world():
 
 def test_a_route_begins_where_a_robot_of_the_truth_does():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
-    moved = from_origin(route)
-    np.testing.assert_allclose(moved.eta[0], 0.0, atol=1e-12)
-    lengths = [np.hypot(*np.diff(one.eta[:, :2], axis=0).T).sum() for one in (route, moved)]
+    moved_route = from_origin(route)
+    np.testing.assert_allclose(moved_route.eta[0], 0.0, atol=1e-12)
+    lengths = [np.hypot(*np.diff(path.eta[:, :2], axis=0).T).sum() for path in (route, moved_route)]
     assert lengths[0] == pytest.approx(lengths[1])
-    np.testing.assert_allclose(np.diff(moved.eta[:, 2]), np.diff(route.eta[:, 2]), atol=1e-12)
+    np.testing.assert_allclose(np.diff(moved_route.eta[:, 2]), np.diff(route.eta[:, 2]), atol=1e-12)
 
 
-def result(best: float, bound: tuple[str, ...] = (), stopped: str = "", drives: int = 10) -> Controllers:
+def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives: int = 10) -> Controllers:
     """Ten drives of the paper's PD and of one with `best` times its error."""
-    rng, driven = np.random.default_rng(0), []
+    rng, drive_results = np.random.default_rng(0), []
     for label, part in (("pd", 1.0), ("mine", best)):
         for k in range(drives):
             e = part * 0.02 * np.exp(0.02 * rng.standard_normal())
             pieces = {"across_rms_m": Pieces((1000.0 * e * e,), (1000.0,))}
-            driven.append(
+            drive_results.append(
                 SweepDrive(
-                    SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stopped
+                    SweepCell(label, "", label, ""), f"robot {k}", {"across_rms_m": e}, pieces, stop_code
                 )
             )
-    found = SweepResult(tuple(driven), 0, "pd")
-    known = Contestant("pd", "pd", {"alpha": 1.0}, ()), Contestant("mine", "my.py:Mine", {"k": 1.0}, bound)
-    return Controllers(dict.fromkeys(JUDGED, found), known, 10, ())
+    result_of = SweepResult(tuple(drive_results), 0, "pd")
+    contestants = (
+        Contestant("pd", "pd", {"alpha": 1.0}, ()),
+        Contestant("mine", "my.py:Mine", {"k": 1.0}, bound),
+    )
+    return Controllers(dict.fromkeys(JUDGED, result_of), contestants, 10, ())
 
 
 def test_the_verdict_is_by_code():
     assert (result(0.2).verdict, result(0.2).reasons) == (Verdict.USABLE, ())
-    assert [one.code for one in result(0.5).reasons] == ["study.not-a-third"]
-    assert [one.code for one in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
-    assert [one.code for one in result(0.2, stopped="stop.room").reasons] == ["study.stopped"] * 2
-    assert [one.code for one in result(0.2, drives=4).reasons] == ["study.no-interval"]
+    assert [reason.code for reason in result(0.5).reasons] == ["study.not-a-third"]
+    assert [reason.code for reason in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
+    assert [reason.code for reason in result(0.2, stop_code="stop.room").reasons] == ["study.stopped"] * 2
+    assert [reason.code for reason in result(0.2, drives=4).reasons] == ["study.no-interval"]
     assert result(0.2, drives=4).verdict == Verdict.CANNOT_TELL
     row = result(0.2).rows()[1]
     assert row["pose_low"] < 0.2 < row["pose_high"] < 0.21
@@ -90,9 +93,9 @@ class Mine(Kanayama):
 def test_the_papers_pd_and_ones_own_are_judged_on_the_same_robot(tmp_path, monkeypatch):
     (tmp_path / "my.py").write_text(MINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    found = controllers(1, 3, kinds=("pd",), own=("my.py:Mine",), starts=1)
-    rows = found.rows()
+    study = controllers(1, 3, kinds=("pd",), own=("my.py:Mine",), starts=1)
+    rows = study.rows()
     assert [row["controller"] for row in rows] == ["pd", "my.py:Mine"]
     assert rows[1]["pose_median_m"] < 0.5 * rows[0]["pose_median_m"]
     assert rows[1]["truth_median_m"] > rows[1]["estimate_median_m"]  # the drift hides the controller
-    assert {d.name for d in found.drives["pose"].drives} == {"robot 3, sinuous", "robot 3, rectangle"}
+    assert {d.name for d in study.drives["pose"].drives} == {"robot 3, sinuous", "robot 3, rectangle"}

@@ -10,32 +10,34 @@ from baqueano.study.corridor.result import Instant, gathered
 from baqueano.study.corridor.vehicles import BIAS_WALK, TOLERANCE, vehicles
 
 
-def cases(n, claimed, rng, heading=0.1):
-    """Errors of deviation 1 m and 0.1 rad, claimed to be `claimed` times that."""
-    cov = claimed**2 * np.diag([1.0, 1.0, heading**2])
+def cases(n, claim_m, rng, heading=0.1):
+    """Errors of deviation 1 m and 0.1 rad, claimed to be `claim_m` times that."""
+    cov = claim_m**2 * np.diag([1.0, 1.0, heading**2])
     return [("10 s", Instant(rng.standard_normal(3) * [1.0, 1.0, heading], cov)) for _ in range(n)]
 
 
-@pytest.mark.parametrize(("claimed", "ok"), [(1.0, True), (0.8, False), (1.3, False)])
-def test_a_region_that_is_right_passes_and_one_that_is_too_small_or_too_wide_is_reported(claimed, ok):
-    found = gathered(cases(500, claimed, np.random.default_rng(0)), 500, ())
-    assert [row["ok"] for row in found.rows()] == [ok, ok]
-    assert (found.verdict == "USABLE") is ok
-    assert all("at 10 s: coverage" in reason for reason in found.reasons)
+@pytest.mark.parametrize(("claim_m", "ok"), [(1.0, True), (0.8, False), (1.3, False)])
+def test_a_region_that_is_right_passes_and_one_that_is_too_small_or_too_wide_is_reported(claim_m, ok):
+    study = gathered(cases(500, claim_m, np.random.default_rng(0)), 500, ())
+    assert [row["ok"] for row in study.rows()] == [ok, ok]
+    assert (study.verdict == "USABLE") is ok
+    assert all("at 10 s: coverage" in reason for reason in study.reasons)
 
 
 def test_few_vehicles_miss_no_bar_by_chance():
-    missed = 0
+    misses = 0
     for seed in range(100):
-        found = gathered(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
-        missed += any(row["ok"] is False for row in found.rows())
-    assert missed <= 10  # two rows of 5 % at most each
+        study = gathered(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
+        misses += any(row["ok"] is False for row in study.rows())
+    assert misses <= 10  # two rows of 5 % at most each
 
 
 def test_who_is_lost_is_counted_and_not_judged():
     rng = np.random.default_rng(1)
-    lost = [(name, one._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, one in cases(5, 1.0, rng)]
-    (row, _) = gathered([*cases(12, 1.0, rng), *lost], 17, ()).rows()
+    lost_cases = [
+        (name, case._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, case in cases(5, 1.0, rng)
+    ]
+    (row, _) = gathered([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
     assert (row["cases"], row["lost"]) == (12, 5)
 
 
@@ -52,8 +54,8 @@ def test_the_vehicles_have_the_imu_of_a_data_sheet():
 def test_a_vehicle_is_identified_driven_and_inside_its_corridor(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 30.0)
     monkeypatch.setattr(drives, "DRIVE_S", 12.0)
-    found = corridor.corridor(1, 3)
-    assert (found.vehicles, found.refused) == (1, ())
-    assert list(found.instants) == ["10 s"]
-    assert [row["coverage"] for row in found.rows()] == [1.0, 1.0]
-    assert "10 s" in found.table()
+    study = corridor.corridor(1, 3)
+    assert (study.vehicles, study.refused) == (1, ())
+    assert list(study.instants) == ["10 s"]
+    assert [row["coverage"] for row in study.rows()] == [1.0, 1.0]
+    assert "10 s" in study.table()

@@ -21,15 +21,15 @@ def test_every_bar_is_reached(rows):
 
 
 def test_the_speed_of_the_other_run_is_explained(rows):
-    said = {row["quantity"]: row["value"] for row in rows}
-    assert said["a → b: speed explained"] >= 0.94
-    assert said["b → a: speed explained"] >= 0.98
+    values = {row["quantity"]: row["value"] for row in rows}
+    assert values["a → b: speed explained"] >= 0.94
+    assert values["b → a: speed explained"] >= 0.98
 
 
 def test_the_battery_is_turned_down_in_words(rows):
-    said = [row["value"] for row in rows if row["quantity"].endswith("battery voltage")]
-    assert len(said) == 2
-    assert all(text.startswith(("battery voltage left out", "battery voltage refused")) for text in said)
+    verdicts = [row["value"] for row in rows if row["quantity"].endswith("battery voltage")]
+    assert len(verdicts) == 2
+    assert all(text.startswith(("battery voltage left out", "battery voltage refused")) for text in verdicts)
 
 
 def test_rows_are_flat_and_fit_for_json(rows):

@@ -23,14 +23,14 @@ def study(cpm_recordings):
 
 
 def test_a_car_that_was_fitted_to_one_run_moves_like_the_other(study):
-    for one in study.judged:
-        assert one.held_out
-        assert np.all(one.predicted.explained > 0.9), one.row()
+    for validation in study.judged:
+        assert validation.held_out
+        assert np.all(validation.predicted.explained > 0.9), validation.row()
 
 
 def test_the_filter_keeps_the_car_within_one_hundredth_of_the_way(study):
-    for one in study.judged:
-        row = one.row()
+    for validation in study.judged:
+        row = validation.row()
         assert row["driven_m"] == pytest.approx(74.6, abs=1.0)
         assert row["ate_m"] < 0.01 * row["driven_m"]
         assert np.degrees(row["ate_heading_rad"]) < 10.0
@@ -38,12 +38,14 @@ def test_the_filter_keeps_the_car_within_one_hundredth_of_the_way(study):
 
 
 def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
-    for one in study.judged:
-        estimate, truth = one.replayed.estimate, one.replayed.truth
+    for validation in study.judged:
+        estimate, truth = validation.replayed.estimate, validation.replayed.truth
         at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
         assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
-        of_filter = [event for event in one.replayed.events if event.source not in ("model", "refused")]
-        assert not of_filter or of_filter[0].t_ns == one.replayed.t_ns[0]
+        of_filter = [
+            event for event in validation.replayed.events if event.source not in ("model", "refused")
+        ]
+        assert not of_filter or of_filter[0].t_ns == validation.replayed.t_ns[0]
 
 
 def test_both_fits_tell_the_same_car(study):

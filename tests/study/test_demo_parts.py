@@ -10,7 +10,7 @@ from baqueano.study.demo import GUESS, Demo
 from baqueano.vehicle_file import load
 
 
-class Found:
+class FitResult:
     """A fit, as far as the table of the demo looks at it."""
 
     def __init__(self, names, estimate, sd):
@@ -24,22 +24,20 @@ class Found:
         ]
 
 
-def told(names, estimate, sd) -> Demo:
+def demo_of(names, estimate, sd) -> Demo:
     demo = object.__new__(Demo)
     object.__setattr__(demo, "truth", load("small"))
-    object.__setattr__(demo, "fit", Found(names, estimate, sd))
+    object.__setattr__(demo, "fit", FitResult(names, estimate, sd))
     return demo
 
 
 def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
     truth = load("small")
-    guessed = truth.with_values(GUESS)
+    guess = truth.with_values(GUESS)
     project = guess_of("small")
     for key in GUESS:
-        np.testing.assert_array_equal(
-            project.value(key), guessed.value(key), err_msg=f"{key} of a new project"
-        )
-        assert not np.array_equal(guessed.value(key), truth.value(key)), (
+        np.testing.assert_array_equal(project.value(key), guess.value(key), err_msg=f"{key} of a new project")
+        assert not np.array_equal(guess.value(key), truth.value(key)), (
             f"{key}: the demo would know the answer"
         )
 
@@ -47,13 +45,13 @@ def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
 def test_the_truth_of_an_actuator_is_what_unequal_wheels_make_of_it():
     truth = load("small")
     gain = truth.vehicle.drivetrain.gain
-    demo = told(("model.actuator_matrix[0,0]", "model.friction.linear[0]"), [1.0, 1.0], [1.0, 1.0])
+    demo = demo_of(("model.actuator_matrix[0,0]", "model.friction.linear[0]"), [1.0, 1.0], [1.0, 1.0])
     assert demo.true_values == pytest.approx([3.38 * np.mean(gain), 3.3])
 
 
 def test_each_row_says_how_far_off_an_estimate_is():
     names = ("model.friction.linear[0]", "model.friction.linear[1]", "model.friction.linear[2]")
-    rows = told(names, [3.4, np.nan, 1.0], [0.1, 1.0, 0.001]).rows()
+    rows = demo_of(names, [3.4, np.nan, 1.0], [0.1, 1.0, 0.001]).rows()
     assert rows[0]["z"] == pytest.approx(1.0)
     assert [row["verdict"] for row in rows] == ["ok", "not identifiable", "off"]
     assert [row["truth"] for row in rows] == pytest.approx([3.3, 40.0, 0.0115])

@@ -10,19 +10,19 @@ from baqueano.study.driving import Driving, EvenDrive
 def test_an_identified_robot_drives_evenly_on_physics_that_is_not_the_models(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(driving, "SHAPES", {"rectangle": driving.SHAPES["rectangle"]})
-    found = driving.driving(1, 40, cases=("imu", "pose", "breakaway"), speeds=(0.3,))
-    assert [row["case"] for row in found.rows()] == ["imu", "pose", "breakaway"]
-    assert (found.verdict, found.refused) == ("USABLE", ())
-    assert all(row["unevenness_worst"] < 0.02 for row in found.rows())
-    assert "all limits are kept" in found.table()
+    study = driving.driving(1, 40, cases=("imu", "pose", "breakaway"), speeds=(0.3,))
+    assert [row["case"] for row in study.rows()] == ["imu", "pose", "breakaway"]
+    assert (study.verdict, study.refused) == ("USABLE", ())
+    assert all(row["unevenness_worst"] < 0.02 for row in study.rows())
+    assert "all limits are kept" in study.table()
 
 
 def test_a_lap_that_breaks_a_limit_is_named_with_its_figure():
     good = EvenDrive("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
     late = good._replace(seed=1, across_m=0.02, sign_changes=2.0)
-    found = Driving((good, late), 2, ())
-    assert found.verdict == "WARN"
-    across, signs = found.reasons
+    study = Driving((good, late), 2, ())
+    assert study.verdict == "WARN"
+    across, signs = study.reasons
     assert across.startswith("pose, eight at 0.2 m/s: across_m 19")
     assert across.endswith("at most 6 mm expected")
     assert signs == "pose, eight at 0.2 m/s: sign_changes 2, expected 0"

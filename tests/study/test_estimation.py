@@ -54,9 +54,9 @@ def test_plain_integration_of_perfect_readings_drives_the_circle():
     car, run = circle()
     eta = integrated(car, run, np.zeros((len(run.t_ns), 3)), run.truth.eta[0])
     assert np.max(np.hypot(*(eta - run.truth.eta)[:, :2].T)) < 1e-3
-    alone = with_sensors(car, SETUPS[IMU])
+    ideal = with_sensors(car, SETUPS[IMU])
     nu = np.tile([V, 0.0, R], (len(run.t_ns), 1))
-    assert np.allclose(integrated(alone, run, nu, run.truth.eta[0]), eta, atol=1e-12)
+    assert np.allclose(integrated(ideal, run, nu, run.truth.eta[0]), eta, atol=1e-12)
 
 
 def test_open_loop_is_the_simulation_under_the_commands():
@@ -73,9 +73,9 @@ def test_open_loop_is_the_simulation_under_the_commands():
 def test_speed_of_a_camera_is_that_along_the_heading():
     _, run = circle(5.0)
     speed = true_speed(run.t_ns, run.truth)
-    known = np.isfinite(speed)
-    assert known[20:-20].all()
-    assert np.max(np.abs(speed[known] - V)) < 2e-3  # (R · 0.15 s)² / 10 of it
+    finite = np.isfinite(speed)
+    assert finite[20:-20].all()
+    assert np.max(np.abs(speed[finite] - V)) < 2e-3  # (R · 0.15 s)² / 10 of it
 
 
 def test_a_path_with_half_the_error_has_half_the_ratio():
@@ -83,22 +83,22 @@ def test_a_path_with_half_the_error_has_half_the_ratio():
     eta = run.truth.eta.copy()
     off = 0.01 * run.t_s[:, None] * [1.0, 0.0, 0.0]
     speed = np.full(len(run.t_ns), V)
-    found = beside(
+    ratios = beside(
         run.t_ns,
         EstimatedPath(eta + 0.5 * off, speed + 0.05),
         EstimatedPath(eta + off, speed + 0.1),
         run.truth,
     )
-    assert list(found) == list(QUANTITIES)
-    assert found[SPEED].ratio[0] == pytest.approx(0.5, abs=0.01)
+    assert list(ratios) == list(QUANTITIES)
+    assert ratios[SPEED].ratio[0] == pytest.approx(0.5, abs=0.01)
     for name in QUANTITIES[1:]:
-        assert found[name].ratio[0] == pytest.approx(0.5, abs=1e-6)
-    assert found[WHOLE].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
-    assert found[QUANTITIES[2]].rms[1] == pytest.approx(
+        assert ratios[name].ratio[0] == pytest.approx(0.5, abs=1e-6)
+    assert ratios[WHOLE].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
+    assert ratios[QUANTITIES[2]].rms[1] == pytest.approx(
         0.1 / np.sqrt(3), rel=0.01
     )  # begins afresh after 10 s
-    assert len(found[QUANTITIES[2]].samples) == 6
-    assert np.isnan(found[WHOLE].ratio[1])  # one block tells no interval
+    assert len(ratios[QUANTITIES[2]].samples) == 6
+    assert np.isnan(ratios[WHOLE].ratio[1])  # one block tells no interval
 
 
 def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
@@ -107,54 +107,61 @@ def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         common = rng.standard_normal(40)
-        ours, other = (
+        estimate, reference = (
             (common + 0.5 * rng.standard_normal(40)) ** 2,
             (common + 0.5 * rng.standard_normal(40)) ** 2,
         )
-        _, low, high = Beside(ours, other, np.ones(40)).ratio
+        _, low, high = Beside(estimate, reference, np.ones(40)).ratio
         inside += low <= 1.0 <= high
     assert inside >= 174
 
 
-def made(ratio):
+def outcome_of(ratio):
     """Ten blocks in which the estimate is `ratio` times as far off as the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
-    one = Beside(ratio**2 * blocks, blocks, np.ones(10))
+    ratio_blocks = Beside(ratio**2 * blocks, blocks, np.ones(10))
     return JudgedEstimate(
-        f"here, {BOTH}", BOTH, "ekf", dict.fromkeys(QUANTITIES, one), UNKNOWN, NOT_REPORTED, "USABLE", ""
+        f"here, {BOTH}",
+        BOTH,
+        "ekf",
+        dict.fromkeys(QUANTITIES, ratio_blocks),
+        UNKNOWN,
+        NOT_REPORTED,
+        "USABLE",
+        "",
     )
 
 
 def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets_them():
-    assert EstimationStudy((made(0.6),)).verdict == "USABLE"
-    worse = EstimationStudy((made(0.6), made(1.2)._replace(recording="there")))
+    assert EstimationStudy((outcome_of(0.6),)).verdict == "USABLE"
+    worse = EstimationStudy((outcome_of(0.6), outcome_of(1.2)._replace(recording="there")))
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
-    here = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
-    assert here == [True] * len(QUANTITIES)
-    assert not EstimationStudy((made(0.8),)).pooled()[0][
+    flags = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
+    assert flags == [True] * len(QUANTITIES)
+    assert not EstimationStudy((outcome_of(0.8),)).pooled()[0][
         "ok"
     ]  # with an odometer the speed is to be 0.7 of the model's
-    assert joined([made(0.6).errors[SPEED], made(0.6).errors[SPEED]]).samples.sum() == 20
+    assert joined([outcome_of(0.6).errors[SPEED], outcome_of(0.6).errors[SPEED]]).samples.sum() == 20
 
 
 def test_a_fit_that_is_refused_is_shown_and_not_counted():
-    bad = made(3.0)._replace(recording="there", fit="REFUSED")
-    found = EstimationStudy((made(0.6), bad))
-    assert found.verdict == "USABLE"
-    assert {row["ok"] for row in found.rows() if row["recording"] == "there"} == {None}
-    assert found.pooled()[0]["value"] == pytest.approx(0.6)
-    assert "there: its fit is REFUSED" in found.table()
+    bad = outcome_of(3.0)._replace(recording="there", fit="REFUSED")
+    study = EstimationStudy((outcome_of(0.6), bad))
+    assert study.verdict == "USABLE"
+    assert {row["ok"] for row in study.rows() if row["recording"] == "there"} == {None}
+    assert study.pooled()[0]["value"] == pytest.approx(0.6)
+    assert "there: its fit is REFUSED" in study.table()
 
 
 def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
-    study = EstimationStudy((made(1.2),))
+    study = EstimationStudy((outcome_of(1.2),))
     monkeypatch.setattr(room, "estimation", lambda *_: study)
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--json"])
     assert end.value.code == 0
-    said = json.loads(capsys.readouterr().out)
-    assert {"recording", "estimator", "quantity", "value", "reference", "ok"} <= set(said["rows"][0])
-    assert said["verdict"] == "WARN"
+    printed = json.loads(capsys.readouterr().out)
+    assert {"recording", "estimator", "quantity", "value", "reference", "ok"} <= set(printed["rows"][0])
+    assert printed["verdict"] == "WARN"
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--case", "cmp"])
     assert end.value.code == 2
@@ -163,13 +170,13 @@ def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
 def test_a_recording_is_fitted_and_judged_by_its_odometer_too(cpm_recordings):
     subject = room.SUBJECTS["cpm"][0]()[0]
     short = subject._replace(fitted=subject.fitted.cut(0.0, 30.0), judged=subject.judged.cut(0.0, 30.0))
-    (one,) = room.judged(short, BOTH)
-    assert one.errors[SPEED].ratio[0] < 0.9
-    assert one.stopped == ""
-    rows = {row["quantity"]: row for row in EstimationStudy((one,)).rows()}
+    (judgement,) = room.judged(short, BOTH)
+    assert judgement.errors[SPEED].ratio[0] < 0.9
+    assert judgement.stopped == ""
+    rows = {row["quantity"]: row for row in EstimationStudy((judgement,)).rows()}
     assert rows["NIS of innovation 0"]["ok"] == (0.85 <= rows["NIS of innovation 0"]["value"] <= 1.15)
     assert rows["lag-1 correlation of innovation 3"]["reference"] == 0.0
-    assert one.consistency.sentence in EstimationStudy((one,)).table()
+    assert judgement.consistency.sentence in EstimationStudy((judgement,)).table()
 
 
 @pytest.fixture(scope="module")
@@ -181,22 +188,23 @@ def vehicles():
 
 
 def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_run(vehicles):
-    for one in vehicles:
-        assert one.fitted.truth is None
-        assert one.judged.truth is not None
-        assert not np.array_equal(one.fitted.applied, one.judged.applied)
-        assert {"imu", "odometer"} <= set(one.fitted.sensors)
-    slope, lag = (one.judged for one in vehicles)
+    for vehicle in vehicles:
+        assert vehicle.fitted.truth is None
+        assert vehicle.judged.truth is not None
+        assert not np.array_equal(vehicle.fitted.applied, vehicle.judged.applied)
+        assert {"imu", "odometer"} <= set(vehicle.fitted.sensors)
+    slope, lag = (vehicle.judged for vehicle in vehicles)
     assert np.std(slope.sensors["imu"].z[:100, :2].mean(axis=0)) > 0.0
     first = np.argmax(np.abs(lag.applied).max(axis=1) > 0.5)
     assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a motor of the second order hardly turns it in 20 ms
 
 
 def test_the_share_that_is_not_worse_counts_what_was_fitted():
-    good, bad = made(0.6), made(1.2)
-    refused = made(3.0)._replace(fit="REFUSED")
+    good, bad = outcome_of(0.6), outcome_of(1.2)
+    refused_outcome = outcome_of(3.0)._replace(fit="REFUSED")
     outcomes = [
-        simulated.SimulatedOutcome(k, "slope", (one,), "") for k, one in enumerate((good, bad, refused))
+        simulated.SimulatedOutcome(k, "slope", (outcome,), "")
+        for k, outcome in enumerate((good, bad, refused_outcome))
     ]
     rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
     assert rows["speed, not worse"]["value"] == 0.5
@@ -206,11 +214,11 @@ def test_the_share_that_is_not_worse_counts_what_was_fitted():
 
 
 def test_each_vehicle_has_rows_for_machines_and_none_in_the_table():
-    outcomes = [simulated.SimulatedOutcome(0, "slope", (made(0.6), made(1.2)), "")]
+    outcomes = [simulated.SimulatedOutcome(0, "slope", (outcome_of(0.6), outcome_of(1.2)), "")]
     rows = simulated.each_vehicle(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]
-    found = EstimationStudy((), tuple(simulated.rows(outcomes)), tuple(rows))
-    assert [row for row in found.rows() if row["quantity"] == SPEED] == [
+    study = EstimationStudy((), tuple(simulated.rows(outcomes)), tuple(rows))
+    assert [row for row in study.rows() if row["quantity"] == SPEED] == [
         r for r in rows if r["quantity"] == SPEED
     ]
-    assert "here" not in found.table()
+    assert "here" not in study.table()

@@ -25,12 +25,12 @@ def draw_robots(*errors, margin_m=0.1):
 
 
 def test_a_row_tells_how_many_times_better_and_where_another_is_better():
-    found = {
+    robots = {
         "designed": draw_robots(0.01, 0.02),
         "random_steps": draw_robots(0.02, 0.04),
         "prbs": draw_robots(0.03, 0.01),
     }
-    rows = {row.signal: row for row in rows_of("all", "", found)}
+    rows = {row.signal: row for row in rows_of("all", "", robots)}
     assert rows["designed"].ratio == pytest.approx(2.0)
     assert rows["designed"].above_best == 1
     table = Experiments(tuple(rows.values()), 60.0)
@@ -42,23 +42,23 @@ def test_a_row_tells_how_many_times_better_and_where_another_is_better():
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("errors_of_design", "message"),
     [
         (draw_robots(0.019), "1.05 times better than random steps, not 1.5"),
         (draw_robots(0.01)._replace(seconds=11.0), "took 11.0 s, more than a sixth of 60 s"),
     ],
 )
-def test_what_a_design_does_not_reach_is_reported(made, said):
-    rows = rows_of("all", "", {"designed": made, "random_steps": draw_robots(0.02)})
-    assert said in Experiments(tuple(rows), 60.0).reasons[0]
+def test_what_a_design_does_not_reach_is_reported(errors_of_design, message):
+    rows = rows_of("all", "", {"designed": errors_of_design, "random_steps": draw_robots(0.02)})
+    assert message in Experiments(tuple(rows), 60.0).reasons[0]
 
 
 @pytest.mark.parametrize("signal", ["designed", "random_steps", "prbs"])
 def test_a_body_that_left_the_room_is_counted_under_every_signal(signal):
-    found = {"designed": draw_robots(0.01), "random_steps": draw_robots(0.02), "prbs": draw_robots(0.03)}
-    whole = rows_of("all", "", found)
-    rows = rows_of("small", "2x2", {**found, signal: found[signal]._replace(margins=np.full(20, -0.01))})
-    assert {row.signal: row.left for row in rows} == {**dict.fromkeys(found, 0), signal: 20}
+    robots = {"designed": draw_robots(0.01), "random_steps": draw_robots(0.02), "prbs": draw_robots(0.03)}
+    whole = rows_of("all", "", robots)
+    rows = rows_of("small", "2x2", {**robots, signal: robots[signal]._replace(margins=np.full(20, -0.01))})
+    assert {row.signal: row.left for row in rows} == {**dict.fromkeys(robots, 0), signal: 20}
     assert "in 20 drives the body left the room" in Experiments((*rows, *whole), 60.0).reasons
 
 
@@ -106,8 +106,8 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
     """Its planner knows of no tyres. With curves of up to 12 m/s² it was 37 cm in the wall."""
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), room_of(file, "4x4")
-    asked = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
-    u, world = contained(asked, file, room).u, world_of(vehicles, [0, 1])
+    requested = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
+    u, world = contained(requested, file, room).u, world_of(vehicles, [0, 1])
     for now in u:
         world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
         assert np.all(np.abs(world.truth.eta[:, :2]) < room.free)
@@ -115,9 +115,9 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
 
 def test_a_number_that_no_motion_shows_is_as_uncertain_as_before():
     file = load("small")
-    still = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
-    _, found = outcome(("still", still), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0)
-    assert found.errors == pytest.approx(1.0, rel=1e-3)
+    resting = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
+    _, result = outcome(("still", resting), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0)
+    assert result.errors == pytest.approx(1.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), draw_cars(1, 3)], ids=["robot", "car"])
@@ -146,7 +146,7 @@ def test_unknown_robots_have_the_gains_and_dead_zones_that_are_reported():
     assert np.all(np.abs(np.log(ratio[:, 0] / ratio[:, 1])) < np.log(1.25 / 0.75 * 1.3))
     zones = np.concatenate([np.ravel([robot.forward, robot.backward]) for robot in robots])
     assert 0.0 <= zones.min() < 0.05 < 0.35 < zones.max() <= DEAD_ZONE
-    one = robots_drawn(1, 0)
-    same = one.changed(gain=file.vehicle.drivetrain.gain[None])
+    robot = robots_drawn(1, 0)
+    same = robot.changed(gain=file.vehicle.drivetrain.gain[None])
     value = robot_values(same)["model.actuator_matrix[0,0]"][0]
     assert gains(same, file)[0] == pytest.approx(value / 3.38)

@@ -50,30 +50,30 @@ def test_the_table_names_each_fault_and_ends_with_the_verdict(study):
     json.dumps(study.rows(), allow_nan=False)
 
 
-def made(fault, verdict, off):
+def outcome_of(fault, verdict, off):
     return FaultOutcome(FaultJob(fault, "small", 0, "auto"), verdict, off, np.nan, np.nan, ())
 
 
 def test_one_wrong_fit_that_is_called_usable_fails_the_study():
-    found = Faults((made("sound", "USABLE", False), made("lag", "USABLE", True)), 2, 2)
-    assert found.verdict == "REFUSED"
-    assert "1 wrong fits with lag were called USABLE" in found.reasons
+    study = Faults((outcome_of("sound", "USABLE", False), outcome_of("lag", "USABLE", True)), 2, 2)
+    assert study.verdict == "REFUSED"
+    assert "1 wrong fits with lag were called USABLE" in study.reasons
 
 
 def test_a_fit_that_crashes_fails_the_study():
-    found = Faults((made("sound", "USABLE", False), made("lag", "CRASH", False)), 2, 2)
-    assert found.verdict == "REFUSED"
-    assert found.reasons == ("1 fits with lag crashed",)
+    study = Faults((outcome_of("sound", "USABLE", False), outcome_of("lag", "CRASH", False)), 2, 2)
+    assert study.verdict == "REFUSED"
+    assert study.reasons == ("1 fits with lag crashed",)
 
 
 def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
-    sound = [made("sound", "USABLE", False)] * 49
-    assert Faults((*sound, made("sound", "REFUSED", False)), 50, 50).verdict == "USABLE"
-    assert Faults((*sound[:48], made("sound", "REFUSED", False)), 49, 49).verdict == "REFUSED"
+    sound = [outcome_of("sound", "USABLE", False)] * 49
+    assert Faults((*sound, outcome_of("sound", "REFUSED", False)), 50, 50).verdict == "USABLE"
+    assert Faults((*sound[:48], outcome_of("sound", "REFUSED", False)), 49, 49).verdict == "REFUSED"
 
 
 def test_a_damaged_fit_without_parameters_leaves_the_ratio_to_the_others():
-    none = made("stuck", "REFUSED", False)._replace(clean=1.0)
+    none = outcome_of("stuck", "REFUSED", False)._replace(clean=1.0)
     some = none._replace(off=3.0, clean=2.0)
     assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
     assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
@@ -94,16 +94,16 @@ def test_readings_of_the_sound_run_are_taken_out_where_they_are_of_the_damaged_o
 
     file, run = case_study
     rng = np.random.default_rng(0)
-    damaged = not_numbers(run, file, rng)
-    left, lost = undamaged(run, damaged, file)
-    np.testing.assert_array_equal(left.sensors["imu"].z, damaged.sensors["imu"].z)
-    assert lost == np.mean(np.isnan(damaged.sensors["imu"].z))
+    damaged_run = not_numbers(run, file, rng)
+    restored_run, lost_share = undamaged(run, damaged_run, file)
+    np.testing.assert_array_equal(restored_run.sensors["imu"].z, damaged_run.sensors["imu"].z)
+    assert lost_share == np.mean(np.isnan(damaged_run.sensors["imu"].z))
     late = repeated_time(run, file, rng)
-    left, lost = undamaged(run, late, file)
-    gone = np.isnan(left.sensors["imu"].z).all(axis=1)
-    assert 0.02 < lost == gone.mean() < 0.25
+    restored_run, lost_share = undamaged(run, late, file)
+    lost_rows = np.isnan(restored_run.sensors["imu"].z).all(axis=1)
+    assert 0.02 < lost_share == lost_rows.mean() < 0.25
     repeats = np.flatnonzero(np.diff(late.sensors["imu"].t_ns) == 0) + 1
-    assert np.all(gone[repeats])
+    assert np.all(lost_rows[repeats])
     assert undamaged(run, time_jumps_a_day(run, file, rng), file) is None
 
 
@@ -142,14 +142,14 @@ def test_the_command_line_answers_in_rows_and_says_no_where_the_detectors_fail(
     from baqueano.cli import main
     from baqueano.study import faults as room
 
-    found = Faults((made("sound", "USABLE", False), made("lag", "USABLE", off)), 2, 2)
-    monkeypatch.setattr(room, "faults", lambda *args, **options: found)
-    with pytest.raises(SystemExit) as ended:
+    study = Faults((outcome_of("sound", "USABLE", False), outcome_of("lag", "USABLE", off)), 2, 2)
+    monkeypatch.setattr(room, "faults", lambda *args, **options: study)
+    with pytest.raises(SystemExit) as exit_info:
         main(["study", "faults", "--seeds", "1", "--json"])
-    assert ended.value.code == code
-    said = json.loads(capsys.readouterr().out)
-    assert [row["wrongly_usable"] for row in said["rows"]] == [0, int(off)]
-    assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(said["rows"][0])
+    assert exit_info.value.code == code
+    printed = json.loads(capsys.readouterr().out)
+    assert [row["wrongly_usable"] for row in printed["rows"]] == [0, int(off)]
+    assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(printed["rows"][0])
 
 
 def test_a_study_that_was_stopped_tells_what_is_done(monkeypatch, capsys):
@@ -157,11 +157,11 @@ def test_a_study_that_was_stopped_tells_what_is_done(monkeypatch, capsys):
     from baqueano.study import faults as room
 
     monkeypatch.setattr(
-        room, "faults", lambda *args, **options: Faults((made("sound", "USABLE", False),), 9, 1)
+        room, "faults", lambda *args, **options: Faults((outcome_of("sound", "USABLE", False),), 9, 1)
     )
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["study", "faults", "--seeds", "1"])
-    assert ended.value.code == 130
+    assert exit_info.value.code == 130
     assert "interrupted: 1 of 9 fits" in capsys.readouterr().out
 
 
@@ -177,7 +177,7 @@ def sound():
     return load("small"), Run("counted", None, t_ns, u, sensors={"imu": Channel(t_ns, t_ns, z)})
 
 
-def harmed(sound, name, seed=0):
+def harm(sound, name, seed=0):
     from baqueano.study.faults.logging import LOGGING
 
     file, run = sound
@@ -186,29 +186,29 @@ def harmed(sound, name, seed=0):
 
 @pytest.mark.parametrize(("name", "part"), [("clock 200 ppm off", 200e-6), ("clock 2 % off", 0.02)])
 def test_a_clock_that_drifts_ends_off_by_its_part_of_the_time(sound, name, part):
-    run, bad = harmed(sound, name)
+    run, bad = harm(sound, name)
     off = (bad.sensors["imu"].t_ns[-1] - run.t_ns[-1]) * 1e-9
     assert abs(off) == pytest.approx(part * 29.99, rel=1e-6)
     np.testing.assert_array_equal(bad.t_ns, run.t_ns)
 
 
 def test_a_mount_that_turns_keeps_the_size_of_what_it_feels(sound):
-    run, bad = harmed(sound, "mount turns")
+    run, bad = harm(sound, "mount turns")
     before, after = run.sensors["imu"].z, bad.sensors["imu"].z
     np.testing.assert_allclose(np.hypot(*after[:, :2].T), np.hypot(*before[:, :2].T))
-    moved = np.flatnonzero(np.any(before != after, axis=1))
-    assert 0.3 * len(before) <= moved[0] <= 0.7 * len(before)
+    differing = np.flatnonzero(np.any(before != after, axis=1))
+    assert 0.3 * len(before) <= differing[0] <= 0.7 * len(before)
     np.testing.assert_array_equal(before[:, 2], after[:, 2])
 
 
 def test_a_low_pass_delays_a_ramp_by_its_time_constant(sound):
-    run, bad = harmed(sound, "low-passed")
+    run, bad = harm(sound, "low-passed")
     late = run.sensors["imu"].z[-1, 0] - bad.sensors["imu"].z[-1, 0]
     assert 0.5 / (2.0 * np.pi * 44.0) - 0.01 < late < 1.0 / (2.0 * np.pi * 5.0)
 
 
 def test_what_is_resampled_lies_on_lines_between_readings(sound):
-    run, bad = harmed(sound, "resampled")
+    run, bad = harm(sound, "resampled")
     np.testing.assert_allclose(bad.sensors["imu"].z[:2900, 0], run.sensors["imu"].z[:2900, 0])
     assert 0.0 < np.max(np.abs(bad.sensors["imu"].z[:2900] - run.sensors["imu"].z[:2900])) < 1e-3
 
@@ -226,32 +226,32 @@ def test_a_gyro_that_zeroes_itself_forgets_a_steady_turn(sound):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_lost_sign_leaves_the_first_half_alone(sound, seed):
-    run, bad = harmed(sound, "sign lost", seed)
+    run, bad = harm(sound, "sign lost", seed)
     np.testing.assert_array_equal(bad.applied[:1500], run.applied[:1500])
     np.testing.assert_array_equal(bad.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
-    changed = np.any(bad.applied != run.applied) or np.any(bad.sensors["imu"].z != run.sensors["imu"].z)
-    assert changed or seed in (1, 2)  # the channel that counts up has no sign to lose
+    has_changed = np.any(bad.applied != run.applied) or np.any(bad.sensors["imu"].z != run.sensors["imu"].z)
+    assert has_changed or seed in (1, 2)  # the channel that counts up has no sign to lose
 
 
 def test_rates_and_lengths_are_those_of_the_fault(sound):
-    _, ten = harmed(sound, "10 Hz")
+    _, ten = harm(sound, "10 Hz")
     assert (len(ten.t_ns), int(np.median(np.diff(ten.t_ns)))) == (300, 100_000_000)
-    run, fast = harmed(sound, "1 kHz repeats")
+    run, fast = harm(sound, "1 kHz repeats")
     assert (len(fast.t_ns), set(np.diff(fast.t_ns).tolist())) == (10_000, {1_000_000})
     at = np.searchsorted(fast.t_ns, run.t_ns[5])
     np.testing.assert_array_equal(fast.applied[at], run.applied[5])
     np.testing.assert_array_equal(fast.applied[at + 1 : at + 11], np.tile(run.applied[6], (10, 1)))
-    _, short = harmed(sound, "2 s")
+    _, short = harm(sound, "2 s")
     assert short.duration_s == pytest.approx(2.0, abs=0.02)
-    _, epoch = harmed(sound, "epoch in ms")
+    _, epoch = harm(sound, "epoch in ms")
     assert set(np.diff(epoch.t_ns).tolist()) == {10}
 
 
 def test_copies_and_a_second_imu_are_where_they_should_be(sound):
-    run, twice = harmed(sound, "half duplicated")
+    run, twice = harm(sound, "half duplicated")
     np.testing.assert_array_equal(twice.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
     np.testing.assert_array_equal(twice.applied[1500:], run.applied[:1500])
-    run, two = harmed(sound, "two IMUs")
+    run, two = harm(sound, "two IMUs")
     np.testing.assert_array_equal(two.sensors["imu"].z[::2], run.sensors["imu"].z[::2])
     assert np.all(np.any(two.sensors["imu"].z[1::2] != run.sensors["imu"].z[1::2], axis=1))
 
@@ -272,5 +272,5 @@ def test_structures_leave_the_subject_as_it_was_and_fit_what_they_say(vehicle):
         plan = structure(of, u, sound, np.random.default_rng(0))
         assert (plan is None) == (vehicle == "car" and name in NOT_FOR_CARS), name
         if plan is not None:
-            changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
-            assert changed or plan.file is not of.file or plan.second is not None, name
+            has_changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
+            assert has_changed or plan.file is not of.file or plan.second is not None, name

@@ -32,18 +32,18 @@ from baqueano.sweep.workers import spread_over
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
 
 
-def made(case="clean", verdict="USABLE", reasons=(), sd=1.0, off=0.0, seed=0, met=True):
+def outcome_of(case="clean", verdict="USABLE", reasons=(), sd=1.0, off=0.0, seed=0, within_limits=True):
     """An outcome whose errors are drawn, in bounds of 0.01, its standard errors `sd` bounds."""
     truth, rng = np.array([3.0, 0.05]), np.random.default_rng(seed)
     estimate = truth + 0.01 * (off + rng.normal(size=2))
     bound = np.full(2, 0.01 if case in ("clean", "rough") else np.nan)
     return TrialOutcome(
-        case, seed, NAMES, truth, estimate, np.full(2, 0.01 * sd), bound, verdict, reasons, met
+        case, seed, NAMES, truth, estimate, np.full(2, 0.01 * sd), bound, verdict, reasons, within_limits
     )
 
 
 def study_of(count=200, **options):
-    return Identification(tuple(made(seed=k, **options) for k in range(count)), count)
+    return Identification(tuple(outcome_of(seed=k, **options) for k in range(count)), count)
 
 
 @pytest.mark.parametrize("path", sorted(robot_values(trials.robot(0))))
@@ -58,19 +58,19 @@ def test_a_robot_can_be_given_any_true_value(path):
 @pytest.mark.parametrize("path", car_numbers(draw_cars(1, 0)))
 def test_a_car_can_be_given_any_true_number(path):
     cars = draw_cars(2, 3)
-    wanted = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
-    found = car_numbers(with_car_numbers(cars, {path: wanted}))
-    np.testing.assert_allclose(found[path], wanted)
-    for other, before in car_numbers(cars).items():
-        if other != path:
-            np.testing.assert_allclose(found[other], before)
+    numbers = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
+    result = car_numbers(with_car_numbers(cars, {path: numbers}))
+    np.testing.assert_allclose(result[path], numbers)
+    for name, before in car_numbers(cars).items():
+        if name != path:
+            np.testing.assert_allclose(result[name], before)
 
 
 def test_what_is_known_beforehand_bounds_what_no_reading_shows():
     car = draw_cars(1, 0)
     quiet = np.zeros((50, 2 * len(car_numbers(car)), 4))
-    found = bound_of(quiet, car, {path: 0.5 for path in car_numbers(car)})
-    np.testing.assert_allclose(list(found.values()), 0.5)
+    bounds = bound_of(quiet, car, {path: 0.5 for path in car_numbers(car)})
+    np.testing.assert_allclose(list(bounds.values()), 0.5)
 
 
 def test_the_file_of_a_robot_holds_its_true_values():
@@ -97,10 +97,10 @@ def test_the_bound_is_the_inverse_of_the_information():
     G = rng.normal(size=(60, 3, len(of)))
     values = robot_values(beside(robot))
     theta = np.stack([values[path] for path in of])
-    found = bound_of(np.einsum("tcp,pk->tkc", G, theta), robot)
+    bounds = bound_of(np.einsum("tcp,pk->tkc", G, theta), robot)
     flat = (G / robot.imu.noise[0][:, None]).reshape(-1, len(of))
     expected = np.sqrt(np.diagonal(np.linalg.inv(flat.T @ flat)))
-    np.testing.assert_allclose(list(found.values()), expected, rtol=1e-6)
+    np.testing.assert_allclose(list(bounds.values()), expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("case", ["floor", "low-passed"])
@@ -117,9 +117,9 @@ def test_one_robot_is_fitted_and_the_fit_is_not_wrong(case):
 def test_a_bias_that_walks_counts_by_its_mean():
     robot = trials.robot(0)
     imu = robot.imu.changed(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
-    shown = driven(robot.changed(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
-    assert np.all(np.abs(shown.wandered) > 1e-3)
-    np.testing.assert_allclose((shown.z - shown.quiet).mean(axis=0), shown.wandered)
+    motion = driven(robot.changed(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
+    assert np.all(np.abs(motion.wandered) > 1e-3)
+    np.testing.assert_allclose((motion.z - motion.quiet).mean(axis=0), motion.wandered)
 
 
 def test_robots_are_those_that_the_study_describes():
@@ -141,7 +141,7 @@ def test_sound_figures_are_usable():
 
 
 @pytest.mark.parametrize(
-    ("how", "said"),
+    ("bars", "message"),
     [
         ({"sd": 0.7}, "of the intervals hold the truth"),
         ({"sd": 1.6}, "of the intervals hold the truth"),
@@ -157,10 +157,10 @@ def test_sound_figures_are_usable():
         ),
     ],
 )
-def test_each_figure_that_is_missed_is_a_reason(how, said):
-    study = study_of(**how)
+def test_each_figure_that_is_missed_is_a_reason(bars, message):
+    study = study_of(**bars)
     assert study.verdict == "WARN"
-    assert said in "; ".join(study.reasons)
+    assert message in "; ".join(study.reasons)
 
 
 def test_a_parameter_that_is_known_badly_is_not_named_for_it():
@@ -176,29 +176,31 @@ def test_the_page_holds_table_and_figures():
 
 def test_an_interrupted_study_goes_on_from_what_was_kept(tmp_path, monkeypatch):
     calls = []
-    monkeypatch.setattr(result, "work", lambda job: calls.append(job.seeds) or [made(seed=job.seeds[0])])
+    monkeypatch.setattr(
+        result, "work", lambda job: calls.append(job.seeds) or [outcome_of(seed=job.seeds[0])]
+    )
     for seeds in (8, 16):
-        found = identification(seeds, cases=("clean",), keep=tmp_path / "kept")
+        study = identification(seeds, cases=("clean",), keep=tmp_path / "kept")
     assert [seeds[0] for seeds in calls] == [0, 8]
-    assert len(found.outcomes) == 2
+    assert len(study.outcomes) == 2
 
 
 def test_a_case_that_does_not_exist_is_answered_with_those_that_do(capsys):
     from baqueano.cli import main
 
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["study", "identification", "--case", "claen"])
-    assert ended.value.code == 2
-    said = capsys.readouterr().err
-    assert "Did you mean clean?" in said
-    assert all(case in said for case in CASES)
+    assert exit_info.value.code == 2
+    errors = capsys.readouterr().err
+    assert "Did you mean clean?" in errors
+    assert all(case in errors for case in CASES)
 
 
 def test_jobs_are_done_in_this_process_or_in_others():
-    told = []
-    assert sorted(spread_over(abs, [-3, 1, -2], 1, told.append)) == [1, 2, 3]
-    assert sorted(spread_over(abs, [-3, 1, -2], 2, told.append)) == [1, 2, 3]
-    assert told == [1] * 6
+    progress = []
+    assert sorted(spread_over(abs, [-3, 1, -2], 1, progress.append)) == [1, 2, 3]
+    assert sorted(spread_over(abs, [-3, 1, -2], 2, progress.append)) == [1, 2, 3]
+    assert progress == [1] * 6
 
 
 def test_what_is_done_before_ctrl_c_is_kept():

@@ -57,25 +57,25 @@ def test_what_cannot_be_known_is_reported_and_a_run_beyond_is_flagged(study):
     ("b", {"model.drivetrain.delay_s": 0.0}),
 ])  # fmt: skip
 def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, run, changes):
-    recorded, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
+    recorded_run, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
     free = (*FREE, "model.drivetrain.delay_s")
-    first = identify(recorded, car, free, use=("imu",))
-    again = identify(recorded, first.vehicle_file, free, use=("imu",))
-    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+    first = identify(recorded_run, car, free, use=("imu",))
+    second = identify(recorded_run, first.vehicle_file, free, use=("imu",))
+    assert np.nanmax(np.abs(second.estimate - first.estimate) / first.sd) <= 0.3
 
 
-@pytest.mark.parametrize(("run", "other"), [("a", "b"), ("b", "a")])
+@pytest.mark.parametrize(("run", "held_out"), [("a", "b"), ("b", "a")])
 def test_innovations_that_the_other_run_contradicts_are_neither_advised_nor_believed(
-    cpm_recordings, run, other
+    cpm_recordings, run, held_out
 ):
     """By the IMU alone their speed on the other run is 2.9 and 1.9 times as wrong as that of the simulation error."""
-    recorded, unseen = (import_run(MAPS[name]).run for name in (run, other))
+    recorded_run, unseen_run = (import_run(MAPS[name]).run for name in (run, held_out))
     car, errors = load("car").with_values(BARE), []
     for cost in ("simulation", "innovations"):
-        fit = identify(recorded, car, FREE, use=("imu",), options=FitOptions(cost=cost))
+        fit = identify(recorded_run, car, FREE, use=("imu",), options=FitOptions(cost=cost))
         values = {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
-        errors.append(float(predicted(car.with_values(values), unseen, "auto").rmse[0]))
-        assert not any(one.code in ("cost.innovations", "cost.try-innovations") for one in fit.notes)
+        errors.append(float(predicted(car.with_values(values), unseen_run, "auto").rmse[0]))
+        assert not any(note.code in ("cost.innovations", "cost.try-innovations") for note in fit.notes)
     assert errors[1] > 1.5 * errors[0]
     assert fit.verdict == "WARN"
     assert fit.reasons[0].code == "cost.neither"
@@ -86,10 +86,10 @@ def test_cover_and_width_are_counted_over_all_cases():
     assert all(row["ok"] for row in of_intervals(inside, width))
     inside[:, 0], width[2, 1] = False, 0.41
     rows = {row["quantity"]: row for row in of_intervals(inside, width)}
-    held = rows["intervals that hold the odometer's fit"]
-    assert held["value"] == pytest.approx(0.8)
-    assert not held["ok"]
-    assert held["value"] < HELD
+    row = rows["intervals that hold the odometer's fit"]
+    assert row["value"] == pytest.approx(0.8)
+    assert not row["ok"]
+    assert row["value"] < HELD
     assert not rows["widest of viscous drag, ± parts"]["ok"]
     assert rows["widest of gain, ± parts"]["ok"]
 
@@ -106,11 +106,11 @@ def test_the_steady_speed_and_its_error_are_those_of_gain_and_friction():
         names=DRIVE, estimate=mean, cov=cov, sd=np.sqrt(np.diag(cov)),
         value=lambda name: float(mean[DRIVE.index(name)]),
     )  # fmt: skip
-    known = drive_of(fit, load("car"))
+    motion = drive_of(fit, load("car"))
     draws = rng.multivariate_normal(mean, cov, size=40_000)
     speeds = (draws[:, 0] * (0.4 - 0.03) - draws[:, 2]) / draws[:, 1]
-    assert known.value[4] == pytest.approx((7.4 * 0.37 - 0.6) / 1.8)
-    assert known.sd[4] == pytest.approx(np.std(speeds), rel=0.03)
+    assert motion.value[4] == pytest.approx((7.4 * 0.37 - 0.6) / 1.8)
+    assert motion.sd[4] == pytest.approx(np.std(speeds), rel=0.03)
 
 
 def test_the_command_prints_its_rows(study, capsys, monkeypatch):

@@ -13,10 +13,10 @@ from baqueano.symbolic import function
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
 
 
-def read(floor, way):
+def readings_of(floor, way):
     """The readings of one vehicle along a way (T, 2), by the index of its step."""
-    told = [floor.read(0.01 * (k + 1), xy[None])[0] for k, xy in enumerate(way)]
-    return {k: z for k, z in enumerate(told) if not np.isnan(z[0])}
+    readings = [floor.read(0.01 * (k + 1), xy[None])[0] for k, xy in enumerate(way)]
+    return {k: z for k, z in enumerate(readings) if not np.isnan(z[0])}
 
 
 def floor(seed=0, faults=TagFaults(), noise=0.0):  # noqa: B008 a tuple
@@ -28,15 +28,15 @@ def line(y, n=300):
 
 
 def test_a_tag_is_reported_once_where_the_vehicle_is_nearest_and_not_beside_its_radius():
-    told = read(floor(), line(0.05))
-    ((k, z),) = told.items()
+    readings = readings_of(floor(), line(0.05))
+    ((k, z),) = readings.items()
     assert z == pytest.approx([1.0, 0.05], abs=0.02)
     assert 99 <= k <= 101
-    assert read(floor(), line(0.11)) == {}
+    assert readings_of(floor(), line(0.11)) == {}
 
 
 def test_faults_come_as_often_as_they_should():
-    ways = [read(floor(seed, TagFaults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
+    ways = [readings_of(floor(seed, TagFaults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
     counts = np.bincount([len(way) for way in ways], minlength=3)
     assert counts[0] / 400 == pytest.approx(0.2, abs=0.06)
     assert counts[2] / 400 == pytest.approx(0.08, abs=0.05)
@@ -78,9 +78,9 @@ def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch)
     """A gyro known to 3 % alone turns the heading by up to 43° in four laps."""
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(marks, "LEARNED", 3)
-    found = marks.marks(1, 40, 4, shapes=("rectangle",), read=("all read",))
-    assert (found.verdict, found.refused) == ("USABLE", ())
-    later = found.rows()[-1]
+    study = marks.marks(1, 40, 4, shapes=("rectangle",), read=("all read",))
+    assert (study.verdict, study.refused) == ("USABLE", ())
+    later = study.rows()[-1]
     assert later["lap"] == "4-4"
     assert later["position_worst_m"] < 0.05
     assert np.degrees(later["heading_worst_rad"]) < 3.0
@@ -88,29 +88,29 @@ def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch)
     assert later["claimed_m"] < 0.10
 
 
-def made(error_m, sd_m, laps=5, across_m=0.02, read="all read"):
+def marks_of(error_m, sd_m, laps=5, across_m=0.02, reading_mode="all read"):
     """Laps of two robots that are always so far off in x, and so far beside the route."""
     error = np.tile([error_m, 0.0, 0.0], (10 * laps, 2, 1))
     cov = np.tile(np.diag([sd_m**2, sd_m**2, 1e-4]), (10 * laps, 2, 1, 1))
     across = np.tile([across_m, -0.01], (10 * laps, 1))
-    driven = Laps(error, cov, across, np.zeros(2, bool), ())
-    return Marks(tuple(laps_of(driven, "eight", read, [3, 4], laps)), 2, laps, ())
+    laps_per_run = Laps(error, cov, across, np.zeros(2, bool), ())
+    return Marks(tuple(laps_of(laps_per_run, "eight", reading_mode, [3, 4], laps)), 2, laps, ())
 
 
 def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_not_an_excuse():
-    found = made(0.02, 0.02, across_m=-0.12, read="faults")
-    assert found.rows()[-1]["kept"] == 0.5
-    assert "eight, faults: 50% of the robots keep the route, 90 % expected" in found.reasons
-    assert made(0.02, 0.02).rows()[-1]["kept"] == 1.0
-    assert "eight, all read, lap 3: 19 cm beside the route, 10 cm expected" in made(0, 1, 3, 0.2).reasons
+    study = marks_of(0.02, 0.02, across_m=-0.12, reading_mode="faults")
+    assert study.rows()[-1]["kept"] == 0.5
+    assert "eight, faults: 50% of the robots keep the route, 90 % expected" in study.reasons
+    assert marks_of(0.02, 0.02).rows()[-1]["kept"] == 1.0
+    assert "eight, all read, lap 3: 19 cm beside the route, 10 cm expected" in marks_of(0, 1, 3, 0.2).reasons
 
 
 def test_a_claim_that_is_true_is_usable_and_one_that_is_too_small_is_named():
-    assert made(0.02, 0.02).verdict == "USABLE"
-    sure = made(0.05, 0.01)
+    assert marks_of(0.02, 0.02).verdict == "USABLE"
+    sure = marks_of(0.05, 0.01)
     assert sure.verdict == "WARN"
     assert "eight, all read: 0% within the 95 % region" in sure.reasons[0]
     assert "NEES 8.33" in sure.reasons[1]
-    assert "the estimate is 20 cm off, 10 cm expected" in made(0.2, 0.2).reasons[0]
-    assert [row["lap"] for row in made(0.02, 0.02).rows()] == ["1", "2", "3", "5", "4-5"]
-    assert "all bounds are kept" in made(0.02, 0.02).table()
+    assert "the estimate is 20 cm off, 10 cm expected" in marks_of(0.2, 0.2).reasons[0]
+    assert [row["lap"] for row in marks_of(0.02, 0.02).rows()] == ["1", "2", "3", "5", "4-5"]
+    assert "all bounds are kept" in marks_of(0.02, 0.02).table()

@@ -45,8 +45,8 @@ def test_the_truth_is_the_papers(study):
 
 
 def test_what_a_vehicle_without_sideways_actuator_never_shows_is_none(study):
-    unseen = {row["name"] for row in study.rows() if row["estimate"] is None}
-    assert unseen == {"T_12", "T_22", "T_32"}
+    unseen_names = {row["name"] for row in study.rows() if row["estimate"] is None}
+    assert unseen_names == {"T_12", "T_22", "T_32"}
     assert all(row["sd"] is None for row in study.rows() if row["estimate"] is None)
 
 
@@ -75,8 +75,8 @@ def test_a_fit_that_is_far_off_is_not_called_usable(study, monkeypatch):
 
 
 def test_the_dynamic_model_tells_accelerations_better_and_both_are_on_the_page(study):
-    run, unseen = recorded(0)[1], recorded(1_000)[1]
-    models = dynamic_vs_kinematic.compare_models(study.fits[0], run, unseen)
+    run, unseen_run = recorded(0)[1], recorded(1_000)[1]
+    models = dynamic_vs_kinematic.compare_models(study.fits[0], run, unseen_run)
     dynamic, kinematic = dynamic_vs_kinematic.rows(models)
     assert dynamic["R: ν̇_x [m/s²]"] < kinematic["R: ν̇_x [m/s²]"]
     assert "kinematic" in dynamic_vs_kinematic.table(models)

@@ -47,25 +47,25 @@ def test_a_vehicle_that_skids_to_turn_is_predicted_from_its_wheels():
     assert "effective track 1." in warthog.sentence(fit, "warthog")
 
 
-def made(ok=True):
+def study_of(ok=True):
     row = {"recording": "one", "quantity": "speed [m/s]", "value": 0.0712345, "bar": "≤ 0.09", "ok": ok}
     return RecordingStudy((row, row | {"quantity": "told", "value": True}), ())
 
 
 def test_rows_table_and_page_say_what_is_met():
-    found = made()
-    assert [list(row) for row in found.rows()] == [KEYS, KEYS]
-    assert json.dumps(found.rows())
-    assert "0.07123" in found.table()
-    assert found.table().endswith("USABLE: 2 of 2 bars are met")
-    assert "All recordings" in page_of_recordings(found, None).html()
+    study = study_of()
+    assert [list(row) for row in study.rows()] == [KEYS, KEYS]
+    assert json.dumps(study.rows())
+    assert "0.07123" in study.table()
+    assert study.table().endswith("USABLE: 2 of 2 bars are met")
+    assert "All recordings" in page_of_recordings(study, None).html()
 
 
 def test_a_bar_that_is_missed_is_a_reason():
-    found = made(ok=False)
-    assert found.verdict == "WARN"
-    assert found.reasons[0] == "one: speed [m/s] is 0.07123"
-    assert "NO" in found.table()
+    study = study_of(ok=False)
+    assert study.verdict == "WARN"
+    assert study.reasons[0] == "one: speed [m/s] is 0.07123"
+    assert "NO" in study.table()
 
 
 def test_a_recording_that_is_not_there_is_left_out_with_a_sentence(monkeypatch, tmp_path):
@@ -74,29 +74,29 @@ def test_a_recording_that_is_not_there_is_left_out_with_a_sentence(monkeypatch, 
 
     class Here:
         files = staticmethod(lambda: ["here.csv"])
-        rows = staticmethod(lambda say, backend: made().rows())
+        rows = staticmethod(lambda say, backend: study_of().rows())
 
     real = collected.import_module
     monkeypatch.setattr(
         collected, "import_module", lambda name: Here if name.endswith("here") else real(name)
     )
-    found = recordings(names=("here", "dart"))
-    assert len(found.rows()) == 2
-    assert found.left_out[0].startswith("dart is left out: dart_jetracer/throttle_step_input")
-    assert found.verdict == "WARN"
+    study = recordings(names=("here", "dart"))
+    assert len(study.rows()) == 2
+    assert study.left_out[0].startswith("dart is left out: dart_jetracer/throttle_step_input")
+    assert study.verdict == "WARN"
 
 
 def test_missing_recordings_are_named_and_end_with_code_3(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("BAQUEANO_DATA", str(tmp_path))
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["study", "recordings"])
-    assert ended.value.code == 3
-    said = capsys.readouterr()
-    assert said.out == ""
+    assert exit_info.value.code == 3
+    printed = capsys.readouterr()
+    assert printed.out == ""
     for name in FILES:
-        assert f"cpm_mucar/{name}.csv.gz" in said.err
-    assert f"{tmp_path} lack " in said.err
-    assert "set BAQUEANO_DATA to the folder that holds cpm_mucar" in said.err
+        assert f"cpm_mucar/{name}.csv.gz" in printed.err
+    assert f"{tmp_path} lack " in printed.err
+    assert "set BAQUEANO_DATA to the folder that holds cpm_mucar" in printed.err
 
 
 def test_half_of_the_recordings_is_not_enough(monkeypatch, tmp_path):

@@ -11,20 +11,20 @@ from baqueano.study import truth
 from baqueano.study.truth import Transmission, TruthWorld, draw_cars, draw_robots
 
 
-def quiet(vehicles, **changed):
+def quiet(vehicles, **parts):
     silent = {name: 0.0 * getattr(vehicles.imu, name) for name in ("bias", "noise", "tilt_rad")}
-    return vehicles.changed(floor=0.0 * vehicles.floor, **{"imu": vehicles.imu.changed(**silent), **changed})
+    return vehicles.changed(floor=0.0 * vehicles.floor, **{"imu": vehicles.imu.changed(**silent), **parts})
 
 
-def robots(n=1, **changed):
-    return quiet(draw_robots(n, 3), **changed)
+def robots(n=1, **parts):
+    return quiet(draw_robots(n, 3), **parts)
 
 
-def cars(n=1, **changed):
-    return quiet(draw_cars(n, 3), **changed)
+def cars(n=1, **parts):
+    return quiet(draw_cars(n, 3), **parts)
 
 
-def driven(vehicles, u, seconds):
+def drive_truth(vehicles, u, seconds):
     n = len(vehicles.mass_kg)
     world = TruthWorld(vehicles, range(n))
     for _ in range(round(100 * seconds)):
@@ -38,14 +38,16 @@ def test_it_imports_nothing_of_the_house():
     for path in Path(truth.__file__).parent.glob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         modules = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-        modules += [one.name for node in ast.walk(tree) if isinstance(node, ast.Import) for one in node.names]
-        ours = [name for name in modules if name.startswith("baqueano")]
-        assert all(name.startswith("baqueano.study.truth") for name in ours), path.name
+        modules += [
+            alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+        ]
+        own_modules = [name for name in modules if name.startswith("baqueano")]
+        assert all(name.startswith("baqueano.study.truth") for name in own_modules), path.name
 
 
 def test_straight_on_the_forces_balance_at_the_final_speed():
     q = robots(gain=np.ones((1, 2)), forward=np.full((1, 2), 0.3))
-    world, _ = driven(q, [0.6, 0.0, 0.0], 2.0)
+    world, _ = drive_truth(q, [0.6, 0.0, 0.0], 2.0)
     duty = round(255 * 0.6) / 255 - 0.3
 
     def left_over(v):
@@ -56,20 +58,20 @@ def test_straight_on_the_forces_balance_at_the_final_speed():
 
 
 def test_below_its_dead_zone_a_robot_stands():
-    world, _ = driven(robots(3), [0.2, 0.0, 0.0], 0.2)
+    world, _ = drive_truth(robots(3), [0.2, 0.0, 0.0], 0.2)
     assert np.all(world.truth.eta == 0.0)
 
 
 def test_on_a_steady_circle_the_imu_feels_the_centripetal_acceleration():
     q = robots()
-    world, z = driven(q.changed(imu=q.imu.changed(place_m=np.zeros((1, 2)))), [0.7, 0.0, 0.1], 1.0)
+    world, z = drive_truth(q.changed(imu=q.imu.changed(place_m=np.zeros((1, 2)))), [0.7, 0.0, 0.1], 1.0)
     v, _, w = world.truth.nu[0]
     assert z[0, 1] == pytest.approx(v * w, rel=0.01)
     assert z[0, 2] == pytest.approx(w)
 
 
 def test_without_force_a_robot_only_loses_energy():
-    world, _ = driven(robots(2), [0.8, 0.0, 0.2], 0.5)
+    world, _ = drive_truth(robots(2), [0.8, 0.0, 0.2], 0.5)
     q, energy = world.physics, []
     for _ in range(70):
         world.tick(np.zeros((2, 3)), 0.01)
@@ -83,20 +85,20 @@ def test_a_higher_breakaway_needs_a_higher_command_to_start():
     q = robots(
         2, breakaway=np.array([1.0, 1.3]), forward=np.full((2, 2), 0.3), dry_speed_m_s=np.full(2, 0.005)
     )
-    world, _ = driven(q, [0.4, 0.0, 0.0], 0.7)
+    world, _ = drive_truth(q, [0.4, 0.0, 0.0], 0.7)
     assert (world.truth.eta[:, 0] > 0.002).tolist() == [True, False]
 
 
 def test_on_a_slope_a_robot_that_stands_across_feels_gravity_aside():
     q = robots(slope_rad=np.full(1, 0.1), slope_heading_rad=np.full(1, np.pi / 2))
-    _, z = driven(q, [0.0, 0.0, 0.0], 0.3)
+    _, z = drive_truth(q, [0.0, 0.0, 0.0], 0.3)
     assert z[0, 1] == pytest.approx(9.80665 * np.sin(0.1), rel=0.02)
 
 
 def test_on_a_slope_a_car_rolls_down_until_its_drags_hold_it():
     straight = {"servo_offset_rad": np.zeros(1)}
     q = cars(slope_rad=np.full(1, 0.1), slope_heading_rad=np.full(1, np.pi), **straight)  # downhill ahead
-    world, z = driven(q, [0.0, 0.0], 5.0)
+    world, z = drive_truth(q, [0.0, 0.0], 5.0)
     v, pull = world.truth.nu[0, 0], 9.80665 * np.sin(0.1) * q.mass_kg[0]
     drag = q.dry_n[0] * np.tanh(v / 0.05) + (q.rolling[0] + q.air[0] * v) * v
     assert drag == pytest.approx(pull, rel=1e-3)
@@ -111,8 +113,8 @@ def between(vehicles, **values):
 def test_a_wheel_that_slips_pushes_no_more_than_its_grip_and_runs_ahead():
     q = between(robots(2), grip_n=np.array([0.3, np.inf]))
     world = TruthWorld(q, range(2))
-    felt = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
-    most = np.max(felt, axis=0)
+    velocities = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
+    most = np.max(velocities, axis=0)
     assert most[0] <= 2.0 * 0.3 / 0.61 + 1e-9 < most[1]
     assert world.rolled[0] > world.truth.nu[0, 0] + 0.1
     assert world.rolled[1] == world.truth.nu[1, 0]
@@ -120,7 +122,7 @@ def test_a_wheel_that_slips_pushes_no_more_than_its_grip_and_runs_ahead():
 
 def test_a_wheel_that_slips_once_rolls_again_when_little_is_asked():
     q = between(robots(), grip_n=np.array([0.5]))
-    world, _ = driven(q, [0.9, 0.0, 0.0], 0.3)
+    world, _ = drive_truth(q, [0.9, 0.0, 0.0], 0.3)
     spun = world.rolled[0] - world.truth.nu[0, 0]
     for _ in range(100):
         world.tick(np.array([[0.4, 0.0, 0.0]]), 0.01)
@@ -155,7 +157,7 @@ def test_in_its_play_a_robot_rolls_on_without_its_motor():
 def test_a_motor_of_the_second_order_follows_a_step_as_its_formula_says():
     a, b = 0.05, 0.08
     q = between(robots(), second_lag_s=np.full(1, b)).changed(lag_s=np.full(1, a), delay_s=np.zeros(1))
-    world, _ = driven(q, [0.8, 0.0, 0.0], 0.1)
+    world, _ = drive_truth(q, [0.8, 0.0, 0.0], 0.1)
     duty = round(255 * 0.8) / 255
     steady = q.gain[0] * q.stall_n[0] * (duty - q.forward[0])
     part = 1.0 - (a * np.exp(-0.1 / a) - b * np.exp(-0.1 / b)) / (a - b)
@@ -164,7 +166,7 @@ def test_a_motor_of_the_second_order_follows_a_step_as_its_formula_says():
 
 def test_what_lies_between_motor_and_floor_creates_no_energy():
     lossy = {"grip_n": np.full(2, 0.6), "play_m": np.full(2, 0.004), "second_lag_s": np.full(2, 0.03)}
-    world, _ = driven(between(robots(2), **lossy), [0.8, 0.0, 0.2], 0.5)
+    world, _ = drive_truth(between(robots(2), **lossy), [0.8, 0.0, 0.2], 0.5)
     q, energy = world.physics, []
     for _ in range(70):
         world.tick(np.zeros((2, 3)), 0.01)
@@ -179,22 +181,22 @@ def smooth_robots():
 
 
 @pytest.mark.parametrize(
-    ("made", "us"),
+    ("make", "us"),
     [
         (smooth_robots, [[0.7, 0.0, -0.1], [-0.6, 0.0, 0.4], [0.0, 0.0, 0.9]]),
         (robots, [[0.7, 0.0, -0.1], [-0.6, 0.0, 0.4], [0.0, 0.0, 0.9]]),
         (cars, [[0.3, 0.6], [0.5, -0.5], [-0.2, 0.3]]),
     ],
 )
-def test_its_step_is_fine_enough_however_the_delay_falls(made, us):
+def test_its_step_is_fine_enough_however_the_delay_falls(make, us):
     """Against an adaptive integrator that is begun anew wherever a command is felt, ticks of 10 and of 7.3 ms."""
-    vehicles = made()
-    world, x, sent = TruthWorld(vehicles, [0]), np.zeros(vehicles.states), []
+    vehicles = make()
+    world, x, sends = TruthWorld(vehicles, [0]), np.zeros(vehicles.states), []
     for dt_s, u in zip([0.0073, 0.01] * 15, np.repeat(us, 10, axis=0), strict=True):
-        sent.append((world.t_s + float(vehicles.delay_s[0]), u))
+        sends.append((world.t_s + float(vehicles.delay_s[0]), u))
         world.tick(u[None], dt_s)
-    edges = [0.0, *(t for t, _ in sent if t < world.t_s), world.t_s]
-    for start, end, u in zip(edges, edges[1:], [0.0 * sent[0][1], *(u for _, u in sent)], strict=False):
+    edges = [0.0, *(t for t, _ in sends if t < world.t_s), world.t_s]
+    for start, end, u in zip(edges, edges[1:], [0.0 * sends[0][1], *(u for _, u in sends)], strict=False):
         rate = lambda t, x, u=u: vehicles.rate(x[None], u[None])[0]  # noqa: E731
         x = solve_ivp(rate, (start, end), x, rtol=1e-9, atol=1e-11).y[:, -1]
     np.testing.assert_allclose(world._x[0], x, atol=2e-7)
@@ -202,17 +204,17 @@ def test_its_step_is_fine_enough_however_the_delay_falls(made, us):
 
 def test_who_stands_beside_it_changes_nothing():
     two = draw_robots(2, 5)
-    both, alone = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
+    both, single = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
     for k in range(20):
         u = np.array([[0.5, 0.0, 0.2], [0.8, 0.0, -0.4]]) * (k % 3)
-        np.testing.assert_array_equal(both.tick(u, 0.01)[1:], alone.tick(u[1:], 0.01))
+        np.testing.assert_array_equal(both.tick(u, 0.01)[1:], single.tick(u[1:], 0.01))
 
 
 def test_on_a_steady_circle_a_car_steers_more_by_its_understeer_gradient():
     """δ = L ω/v + U v ω at small angles, and neither more nor less with tyres that are alike."""
     lateral = {"grip_n": np.full((2, 2), 1e4), "tyre_n_rad": np.array([[15.0, 22.0], [20.0, 20.0]])}
     q = cars(2, **lateral, servo_offset_rad=np.zeros(2), servo_rad=np.full(2, 0.5))
-    world, z = driven(q, [0.35, 0.04], 1.7)
+    world, z = drive_truth(q, [0.35, 0.04], 1.7)
     v, _, w = world.truth.nu.T
     assert q.understeer[1] == pytest.approx(0.0)
     np.testing.assert_allclose(0.15 * w / v + q.understeer * v * w, 0.02, rtol=5e-3)
@@ -222,12 +224,12 @@ def test_on_a_steady_circle_a_car_steers_more_by_its_understeer_gradient():
 
 def test_a_car_settles_where_its_motor_balances_its_drags():
     q = cars(servo_offset_rad=np.zeros(1))
-    world, _ = driven(q, [0.4, 0.0], 2.0)
+    world, _ = drive_truth(q, [0.4, 0.0], 2.0)
     v = world.truth.nu[0, 0]
     force = q.stall_n[0] * (0.4 - q.zone[0, 0])
     assert force == pytest.approx(q.dry_n[0] + (q.rolling[0] + q.air[0] * v) * v, rel=0.03)
 
 
 def test_a_tyre_gives_no_more_than_its_grip():
-    world, z = driven(cars(), [0.9, 0.9], 0.8)
+    world, z = drive_truth(cars(), [0.9, 0.9], 0.8)
     assert np.abs(z[0, 1]) < 1.02 * np.sum(world.physics.grip_n) / world.physics.mass_kg[0]

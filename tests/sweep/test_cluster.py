@@ -22,32 +22,32 @@ def test_without_the_library_the_line_to_type_is_shown(monkeypatch):
 
 @pytest.fixture(scope="module")
 def address():
-    how = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the library closes its loops late
-        with distributed.LocalCluster(**how) as cluster:
+        with distributed.LocalCluster(**options) as cluster:
             yield cluster.scheduler_address
 
 
 @pytest.fixture(scope="module")
-def alone():
+def serial():
     return rows_of(bq.sweep(bq.load("small"), **ASKED, processes=1))
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, alone, tmp_path):
+def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, serial, tmp_path):
     small, counts = bq.load("small"), []
     result = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=counts.append)
     assert counts == [1, 1, 1, 1]
-    assert rows_of(result) == alone
-    kept = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # nothing is left to do
-    assert rows_of(kept) == alone
+    assert rows_of(result) == serial
+    in_cluster = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # nothing is left to do
+    assert rows_of(in_cluster) == serial
     with refused("sweep.no-cluster", UsageError):
         bq.sweep(small, **ASKED, cluster="nothing://here")
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_what_was_interrupted_on_a_cluster_goes_on_there(address, alone, tmp_path):
+def test_what_was_interrupted_on_a_cluster_goes_on_there(address, serial, tmp_path):
     small, counts = bq.load("small"), []
 
     def until_two(n: int) -> None:
@@ -56,9 +56,13 @@ def test_what_was_interrupted_on_a_cluster_goes_on_there(address, alone, tmp_pat
             raise KeyboardInterrupt
 
     part = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=until_two)
-    assert (len(part.drives), part.requested, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    assert (len(part.drives), part.requested, [reason.code for reason in part.reasons]) == (
+        2,
+        4,
+        ["sweep.part"],
+    )
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert len(before) == 2
-    assert rows_of(bq.sweep(small, **ASKED, cluster=address, keep=tmp_path)) == alone
+    assert rows_of(bq.sweep(small, **ASKED, cluster=address, keep=tmp_path)) == serial
     after = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert (len(after), before.items() <= after.items()) == (4, True)  # the first two were not driven again

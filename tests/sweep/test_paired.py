@@ -26,7 +26,7 @@ def test_an_interval_of_few_drives_holds_what_it_claims(drives, spread):
     for _ in range(2000):
         level = np.exp(spread * rng.standard_normal(drives))
         cells = [level * np.exp(0.3 * rng.standard_normal(drives)) for _cell in range(2)]
-        difference = paired(*([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in one] for one in cells))
+        difference = paired(*([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in cell] for cell in cells))
         assert (difference.blocks, difference.of_drives) == (drives, True)
         inside += difference.low <= 1.0 <= difference.high
     assert 0.935 <= inside / 2000 <= 0.965
@@ -37,8 +37,10 @@ def trials(time_s: float, count: int = 500) -> tuple[float, float]:
     rng, differences = np.random.default_rng(7), []
     for _ in range(count):
         differences.append(paired(*([pieces_of(*lasting(rng, time_s, 60.0))] for _cell in range(2))))
-    finite = [one for one in differences if np.isfinite(one.low)]
-    return len(finite) / count, sum(one.low <= 1.0 <= one.high for one in finite) / max(len(finite), 1)
+    finite = [difference for difference in differences if np.isfinite(difference.low)]
+    return len(finite) / count, sum(difference.low <= 1.0 <= difference.high for difference in finite) / max(
+        len(finite), 1
+    )
 
 
 def test_an_interval_of_six_pieces_holds_what_it_claims():
@@ -53,9 +55,9 @@ def test_six_pieces_of_errors_that_last_5_s_cannot_tell():
     assert finite < 0.15
     assert finite * (1.0 - inside) < 0.02  # wrong claims
     rng = np.random.default_rng(3)
-    one = paired(*([pieces_of(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
-    assert one.ratio > 0.0
-    assert not one.significant
+    comparison = paired(*([pieces_of(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
+    assert comparison.ratio > 0.0
+    assert not comparison.significant
 
 
 def test_a_long_drive_of_lasting_errors_is_cut_into_longer_blocks():
@@ -92,13 +94,13 @@ def test_a_short_rest_joins_the_piece_before():
 
 def test_few_drives_are_compared_piece_by_piece_and_one_piece_has_no_interval():
     rng = np.random.default_rng(1)
-    ours, others = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
-    difference = paired([ours], [others])
+    estimate, reference = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
+    difference = paired([estimate], [reference])
     assert (difference.blocks, difference.of_drives, difference.significant) == (12, False, True)
     assert difference.low < difference.ratio < difference.high
-    one = paired([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
-    assert one.ratio == 2.0
-    assert np.isnan(one.low)
+    comparison = paired([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
+    assert comparison.ratio == 2.0
+    assert np.isnan(comparison.low)
 
 
 def test_a_drive_of_one_piece_beside_long_ones_leaves_no_interval():

@@ -28,8 +28,8 @@ class Mine(Kanayama):
 '''
 
 
-def rows_of(found: SweepResult) -> str:
-    return repr(found.rows()) + repr([drive.pieces for drive in found.drives])
+def rows_of(result: SweepResult) -> str:
+    return repr(result.rows()) + repr([drive.pieces for drive in result.drives])
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def cells(small):
 
 
 @pytest.fixture(scope="module")
-def found(cells):
+def result(cells):
     return one_process(**cells, processes=1)
 
 
@@ -76,8 +76,8 @@ def test_ate_and_rpe_of_a_replay_are_those_of_evo(alignment, figures):
     assert np.isnan(shown["across_rms_m"])
 
 
-def test_a_vehicle_that_begins_beside_its_route_joins_it(found):
-    rows = found.rows()
+def test_a_vehicle_that_begins_beside_its_route_joins_it(result):
+    rows = result.rows()
     assert [(row["cell"], row["drive"]) for row in rows[:3]] == [
         ("kanayama", "circle, seed 3"), ("kanayama", "circle, seed 4"), ("lqr", "circle, seed 3"),
     ]  # fmt: skip
@@ -88,7 +88,7 @@ def test_a_vehicle_that_begins_beside_its_route_joins_it(found):
     assert np.isnan(joined(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
 
 
-def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells, found, tmp_path):
+def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells, result, tmp_path):
     counts = []
 
     def until_two(n: int) -> None:
@@ -97,17 +97,21 @@ def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells
             raise KeyboardInterrupt
 
     part = one_process(**cells, processes=1, keep=tmp_path, each=until_two)
-    assert (len(part.drives), part.requested, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
-    kept = sorted(tmp_path.glob("*.json"))
-    assert len(kept) == 2
-    kept[0].write_text(
-        kept[0].read_text()[:40]
+    assert (len(part.drives), part.requested, [reason.code for reason in part.reasons]) == (
+        2,
+        4,
+        ["sweep.part"],
+    )
+    files = sorted(tmp_path.glob("*.json"))
+    assert len(files) == 2
+    files[0].write_text(
+        files[0].read_text()[:40]
     )  # half of a file: not what this program writes, so driven again
-    again = one_process(**cells, processes=2, keep=tmp_path)
-    assert rows_of(again) == rows_of(found)
+    second = one_process(**cells, processes=2, keep=tmp_path)
+    assert rows_of(second) == rows_of(result)
     assert len(list(tmp_path.iterdir())) == 4
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    assert rows_of(one_process(**cells, processes=1, keep=tmp_path)) == rows_of(found)
+    assert rows_of(one_process(**cells, processes=1, keep=tmp_path)) == rows_of(result)
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
@@ -126,8 +130,8 @@ def test_a_kept_drive_is_of_its_blocks_text_and_seed(tmp_path, monkeypatch, smal
         )
     assert len(names) == 3
     from_class = one_process(small, routes=ROUTE, controllers=["my.py:Mine", "kanayama"], processes=1)
-    ours, theirs = from_class.drives
-    assert ours.figures == theirs.figures
+    by_class, by_text = from_class.drives
+    assert by_class.figures == by_text.figures
 
 
 def test_recorded_runs_are_replayed_through_estimators_alone(small):
@@ -138,14 +142,14 @@ def test_recorded_runs_are_replayed_through_estimators_alone(small):
     assert [row["estimator"] for row in result.rows()] == ["augmented_ekf", "dead_reckoning"]
     assert all(np.isnan(row["across_rms_m"]) and row["ate_m"] > 0.0 for row in result.rows())
     assert result.cells()[1]["ate_m_ratio"] == 1.0
-    again = bq.compare(bq.replay(run)).rows()[0]
-    assert result.rows()[0]["rpe_m"] == pytest.approx(again["rpe_m"], rel=1e-12)
+    replay_row = bq.compare(bq.replay(run)).rows()[0]
+    assert result.rows()[0]["rpe_m"] == pytest.approx(replay_row["rpe_m"], rel=1e-12)
     with refused("sweep.of-runs", UsageError, what="controllers"):
         one_process(run, controllers="lqr")
 
 
 @pytest.mark.parametrize(
-    ("code", "given"),
+    ("code", "options"),
     [
         ("sweep.nothing", {}),
         ("sweep.route", {"routes": [3]}),
@@ -156,9 +160,9 @@ def test_recorded_runs_are_replayed_through_estimators_alone(small):
         ("compare.alignment", {"routes": ROUTE, "alignment": "all"}),
     ],
 )
-def test_what_cannot_be_driven_is_refused_before_the_first_drive(small, code, given):
+def test_what_cannot_be_driven_is_refused_before_the_first_drive(small, code, options):
     with refused(code):
-        one_process(small, **given, each=lambda n: pytest.fail("a drive was done"))
+        one_process(small, **options, each=lambda n: pytest.fail("a drive was done"))
 
 
 def test_vehicles_and_runs_are_not_mixed(small):
@@ -167,16 +171,16 @@ def test_vehicles_and_runs_are_not_mixed(small):
         one_process([small, run], routes=ROUTE)
 
 
-def test_a_sweep_is_shown_in_twelve_lines_as_a_card_a_frame_and_a_page(found, tmp_path):
-    assert len(repr(found).splitlines()) <= 12
-    assert "lqr" in repr(found)
-    assert max(map(len, found.table().splitlines())) <= 110
-    frame = found.to_pandas()
+def test_a_sweep_is_shown_in_twelve_lines_as_a_card_a_frame_and_a_page(result, tmp_path):
+    assert len(repr(result).splitlines()) <= 12
+    assert "lqr" in repr(result)
+    assert max(map(len, result.table().splitlines())) <= 110
+    frame = result.to_pandas()
     assert (len(frame), set(frame["cell"])) == (4, {"kanayama", "lqr"})
-    assert "lqr" in found._repr_html_()
-    assert found.plot("differences").axes
+    assert "lqr" in result._repr_html_()
+    assert result.plot("differences").axes
     page = (
-        page_of_sweep(found, reproduce="baqueano sweep")
+        page_of_sweep(result, reproduce="baqueano sweep")
         .save(tmp_path / "sweep.html")
         .read_text(encoding="utf-8")
     )
@@ -190,9 +194,9 @@ def test_the_command_gives_one_object_with_drives_and_cells(capsys, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["baqueano"])
     line = "sweep --vehicle small --route circle --size 0.3 --seeds 1 --controller lqr --json --keep k"
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main([*line.split(), "--controller", "kanayama"])
-    assert ended.value.code in (None, 0)
+    assert exit_info.value.code in (None, 0)
     output = json.loads(capsys.readouterr().out)
     assert [row["cell"] for row in output["cells"]] == ["lqr", "kanayama"]
     assert len(output["rows"]) == len(list((tmp_path / "k").iterdir())) == 2

@@ -64,8 +64,8 @@ def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> N
     return graph.make(op, inside(pick()), pick())
 
 
-def _values(roots: Iterable[Node], known: dict[Node, object], apply: Callable) -> list:
-    values = dict(known)
+def _values(roots: Iterable[Node], inputs: dict[Node, object], apply: Callable) -> list:
+    values = dict(inputs)
     for node in postorder(roots, lambda node: node in values):
         values[node] = node.value if node.op == "const" else apply(node, [values[a] for a in node.args])
     return [values[root] for root in roots]
@@ -91,12 +91,12 @@ def _in_casadi(node: Node, args: list) -> object:
 
 def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[list, list]:
     """(outputs of all ticks, carry after the last)."""
-    given = dict(zip((*program.theta, *program.start), (*theta, *start), strict=True))
-    carry = _values(program.initial, given, apply)
+    inputs_by_node = dict(zip((*program.theta, *program.start), (*theta, *start), strict=True))
+    carry = _values(program.initial, inputs_by_node, apply)
     outputs = []
     for row in inputs:
-        known = given | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
-        both = _values((*program.outputs, *program.next_carry), known, apply)
+        values = inputs_by_node | dict(zip((*program.carry, *program.inputs), (*carry, *row), strict=True))
+        both = _values((*program.outputs, *program.next_carry), values, apply)
         outputs += both[: len(program.outputs)]
         carry = both[len(program.outputs) :]
     return outputs, carry

@@ -47,8 +47,8 @@ def test_a_compiler_that_fails_is_reported_once_and_python_is_used(elsewhere, mo
         kernel = scan(lambda c, x: (c + x, c), 0.0, 0.0)
         assert kernel.run(np.ones(3))[0] == 3.0
         assert kernel.backend == "python"
-    said = capfd.readouterr().err
-    assert said.count("baqueano: Python is used instead of C") == 1
+    errors = capfd.readouterr().err
+    assert errors.count("baqueano: Python is used instead of C") == 1
 
 
 def test_asked_for_c_alone_its_failure_is_an_error(elsewhere, monkeypatch):
@@ -71,5 +71,5 @@ def test_importing_the_engine_loads_numpy_and_nothing_heavy():
         "import sys, numpy; before = set(sys.modules); import baqueano.symbolic; "
         "print(sorted({'scipy', 'casadi', 'ctypes', 'subprocess', 'jax'} & (set(sys.modules) - before)))"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"

@@ -97,9 +97,9 @@ def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setattr(compile.importlib.util, "find_spec", lambda name: None)
     compile._find.cache_clear()
-    found = compile.find()
-    assert found.compiler is None
-    assert found.why == fault("compiler.absent", "pip install ziglang")
+    search = compile.find()
+    assert search.compiler is None
+    assert search.why == fault("compiler.absent", "pip install ziglang")
     with refused("compiler.absent", compile.CompileError):
         compile.load(answer(45))
     compile._find.cache_clear()
@@ -107,26 +107,26 @@ def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
 
 def test_a_compiler_that_is_named_but_missing_is_reported_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
-    found = compile.find()
-    assert found.compiler is None
-    assert found.why == fault("compiler.no-command", found="no-such-compiler --fast")
+    search = compile.find()
+    assert search.compiler is None
+    assert search.why == fault("compiler.no-command", found="no-such-compiler --fast")
 
 
 def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
     monkeypatch.setenv("BAQUEANO_CC", f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'")
-    found = compile.find()
-    assert found.compiler is None
-    assert (found.why.code, found.why.figures["error"].strip()) == ("compiler.refuses", "out of order")
+    search = compile.find()
+    assert search.compiler is None
+    assert (search.why.code, search.why.figures["error"].strip()) == ("compiler.refuses", "out of order")
 
 
 def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):
-    def damaged(folder, *_):
+    def fail_build(folder, *_):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "damaged").write_text("not a library")
         return folder / "damaged"
 
     compile.find()
-    monkeypatch.setattr(compile, "_build", damaged)
+    monkeypatch.setattr(compile, "_build", fail_build)
     with refused("compiler.trouble", compile.CompileError):
         compile.load(answer(48))
 
@@ -135,8 +135,8 @@ def test_flags_that_a_compiler_refuses_are_left_out(monkeypatch, cache):
     flag_sets = compile._flag_sets
 
     def with_refused_flags(*arguments):
-        first, *others = flag_sets(*arguments)
-        return [(*first, "-march=no-such-processor"), *others]
+        first, *remaining = flag_sets(*arguments)
+        return [(*first, "-march=no-such-processor"), *remaining]
 
     monkeypatch.setattr(compile, "_flag_sets", with_refused_flags)
     assert compile.load(answer(46)).answer() == 46

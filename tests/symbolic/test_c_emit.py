@@ -29,31 +29,31 @@ def is_leaf(term) -> bool:
     return term.op in LEAVES
 
 
-def check(statements, known: set, roots=()) -> set:
+def check(statements, known_symbols: set, roots=()) -> set:
     """Every argument is there when it is read, and no term is computed twice. Returns what is known then."""
-    known = set(known)
+    known_symbols = set(known_symbols)
     for s in statements:
         if isinstance(s, EmittedBranch):
-            assert is_leaf(s.condition) or s.condition in known
+            assert is_leaf(s.condition) or s.condition in known_symbols
             for arm, body in ((1, s.then), (2, s.otherwise)):
-                inside = check(body, known)
+                inside = check(body, known_symbols)
                 assert all(is_leaf(c.args[arm]) or c.args[arm] in inside for c in s.choices)
-            assert not known.intersection(s.choices)
-            known.update(s.choices)
+            assert not known_symbols.intersection(s.choices)
+            known_symbols.update(s.choices)
         else:
-            assert s not in known
-            assert all(is_leaf(a) or a in known for a in s.args)
-            known.add(s)
-    assert all(is_leaf(root) or root in known for root in roots)
-    return known
+            assert s not in known_symbols
+            assert all(is_leaf(a) or a in known_symbols for a in s.args)
+            known_symbols.add(s)
+    assert all(is_leaf(root) or root in known_symbols for root in roots)
+    return known_symbols
 
 
 def branches(statements) -> list[EmittedBranch]:
-    found = []
+    branch_list = []
     for s in statements:
         if isinstance(s, EmittedBranch):
-            found += [s, *branches(s.then), *branches(s.otherwise)]
-    return found
+            branch_list += [s, *branches(s.then), *branches(s.otherwise)]
+    return branch_list
 
 
 @settings(max_examples=60)
@@ -97,24 +97,24 @@ def test_a_value_of_two_sources_and_three_users_is_a_row_of_its_own():
     stage = t.make("add", t.x, t.make("mul", t.y, speed))
     users = tuple(t.make(op, stage) for op in ("sin", "cos", "tanh"))
     program = Program(t.graph, theta, (), theta[:2], (t.x, speed), (t.y,), users[:2], users)
-    found = tangents(program, 0, 8, eliminate=True)
-    assert [len(row.args) // 2 for row in found.outputs] == [1, 1, 1]
+    tangent = tangents(program, 0, 8, eliminate=True)
+    assert [len(row.args) // 2 for row in tangent.outputs] == [1, 1, 1]
 
 
 def test_work_of_one_arm_is_done_in_that_arm_alone():
     t = Text()
-    shared = t.make("mul", t.x, t.y)
-    updated = t.long(shared)
+    product = t.make("mul", t.x, t.y)
+    next_count = t.long(product)
     outputs = [
-        t.make("where", t.flag, t.make("add", updated, k), t.make("sub", shared, k)) for k in (1.0, 2.0)
+        t.make("where", t.flag, t.make("add", next_count, k), t.make("sub", product, k)) for k in (1.0, 2.0)
     ]
     statements = schedule(outputs, is_leaf)
     check(statements, set(), outputs)
     (branch,) = branches(statements)
     assert branch.condition is t.flag
     assert set(branch.choices) == set(outputs)
-    assert any(s is updated for s in branch.then)
-    assert any(s is shared for s in statements)
+    assert any(s is next_count for s in branch.then)
+    assert any(s is product for s in statements)
 
 
 def test_work_that_both_arms_or_others_need_stays_outside():
@@ -144,10 +144,10 @@ def test_choices_in_a_row_by_one_condition_are_branches_in_a_row():
 
 def test_two_conditions_that_wait_for_each_other_are_taken_apart():
     t = Text()
-    other = t.make("lt", t.x, t.y)
+    condition = t.make("lt", t.x, t.y)
     a = t.make("where", t.flag, t.long(t.x), t.x)
-    b = t.make("where", other, t.long(t.y), t.y)
-    c = t.make("where", other, t.long(t.make("cos", a)), a)  # with b, if it did not need a
+    b = t.make("where", condition, t.long(t.y), t.y)
+    c = t.make("where", condition, t.long(t.make("cos", a)), a)  # with b, if it did not need a
     d = t.make("where", t.flag, t.long(t.make("cos", b)), b)  # with a, if it did not need b
     statements = schedule([c, d], is_leaf)
     check(statements, set(), [c, d])
@@ -175,13 +175,13 @@ def test_deep_nests_and_long_chains_take_no_recursion(depth):
 
 def test_what_depends_on_parameters_alone_leaves_the_loop():
     t = Text()
-    fixed = t.make("exp", t.theta)
-    output = t.make("mul", fixed, t.x)
-    order = plan([], [output, fixed], {t.x, t.y})
-    assert order.before == [fixed]
+    exponential = t.make("exp", t.theta)
+    output = t.make("mul", exponential, t.x)
+    order = plan([], [output, exponential], {t.x, t.y})
+    assert order.before == [exponential]
     assert order.loop == [output]
     assert cost(order.loop) == 1.0
-    assert set(arguments(order.loop)) == {fixed, t.x}
+    assert set(arguments(order.loop)) == {exponential, t.x}
 
 
 def program(t: Text, *outputs: Node) -> Program:
@@ -198,10 +198,10 @@ def test_a_fixed_divisor_is_inverted_before_the_loop():
 def test_a_divisor_of_the_tick_is_inverted_when_it_divides_twice():
     t = Text()
     once, twice = t.make("div", t.x, t.flag), [t.make("div", a, t.y) for a in (t.x, t.flag)]
-    found = with_reciprocals(program(t, once, *twice), uses=2).outputs
-    assert [node.op for node in found] == ["div", "mul", "mul"]
+    nodes = with_reciprocals(program(t, once, *twice), uses=2).outputs
+    assert [node.op for node in nodes] == ["div", "mul", "mul"]
     inverse = t.make("div", 1.0, t.y)
-    assert all(inverse in set(node.args) for node in found[1:])
+    assert all(inverse in set(node.args) for node in nodes[1:])
 
 
 @needs_compiler

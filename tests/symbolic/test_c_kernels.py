@@ -29,8 +29,8 @@ class Case(CaseOfKernel):
         return outputs, slopes
 
 
-def close(found, expected, scale=1.0) -> None:
-    np.testing.assert_allclose(found, expected, rtol=1e-12 * scale, atol=1e-12 * scale)
+def close(computed, expected, scale=1.0) -> None:
+    np.testing.assert_allclose(computed, expected, rtol=1e-12 * scale, atol=1e-12 * scale)
 
 
 @pytest.fixture(scope="module")
@@ -43,18 +43,20 @@ def cases() -> dict[int, Case]:
 def test_values_are_those_of_numpy(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
-    for found, said, off_kinks in zip(case.run(), expected, off_the_kinks(case, expected), strict=True):
+    for computed, reference, off_kinks in zip(
+        case.run(), expected, off_the_kinks(case, expected), strict=True
+    ):
         assume(off_kinks.mean() > 0.5)
-        close(found[off_kinks], said[off_kinks])
+        close(computed[off_kinks], reference[off_kinks])
 
 
 def off_the_kinks(case, expected):
     """Where other last digits change nothing: on a kink, back ends may take either side."""
-    draw, steady = np.random.default_rng(0), [np.ones(said.shape, bool) for said in expected]
+    draw, steady = np.random.default_rng(0), [np.ones(reference.shape, bool) for reference in expected]
     for _ in range(8):
-        other = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
-        for k, said in enumerate(other):
-            steady[k] &= np.abs(said - expected[k]) < 1e-6
+        rounded_values = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
+        for k, values in enumerate(rounded_values):
+            steady[k] &= np.abs(values - expected[k]) < 1e-6
     return steady
 
 
@@ -107,18 +109,18 @@ def test_total_is_the_sum_and_its_gradient(cases, p):
 
 
 @pytest.mark.parametrize("count", [1, 8, 13])
-@pytest.mark.parametrize("shared", [(True, True, True), (True, False, False)])
-def test_each_lane_is_a_run_of_its_own(cases, count, shared):
+@pytest.mark.parametrize("shared_inputs", [(True, True, True), (True, False, False)])
+def test_each_lane_is_a_run_of_its_own(cases, count, shared_inputs):
     case = cases[5]
     draw = np.random.default_rng(count)
     theta, start = draw.normal(size=(count, 5)), draw.normal(size=(count, len(case.start)))
-    mask = np.array(shared)
+    mask = np.array(shared_inputs)
     own = draw.normal(size=(count, case.n, int((~mask).sum())))
     outputs, final = np.empty((count, case.n, len(case.program.outputs))), np.empty((count, len(case.start)))
     common = np.ascontiguousarray(case.inputs[:, mask])
-    case.kernel.batch(count, case.n, theta, start, common, own, shared, outputs, final)
+    case.kernel.batch(count, case.n, theta, start, common, own, shared_inputs, outputs, final)
     only_final = np.empty_like(final)
-    case.kernel.batch(count, case.n, theta, start, common, own, shared, None, only_final)
+    case.kernel.batch(count, case.n, theta, start, common, own, shared_inputs, None, only_final)
     close(only_final, final)
     for lane in range(count):
         inputs = case.inputs.copy()
@@ -133,7 +135,7 @@ def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatc
     draw = np.random.default_rng(0)
     theta, start = draw.normal(size=(43, 5)), draw.normal(size=(43, len(case.start)))
     none = np.empty((43, case.n, 0))
-    found = []
+    results = []
     for processors in (1, 3):
         monkeypatch.setattr(
             c,
@@ -144,8 +146,8 @@ def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatc
         )
         final = np.empty((43, len(case.start)))
         case.kernel.batch(43, case.n, theta, start, case.inputs, none, (True,) * 3, None, final)
-        found.append(final)
-    assert np.array_equal(*found)
+        results.append(final)
+    assert np.array_equal(*results)
 
 
 def test_parts_for_the_processors_cover_all_vehicles_once():
@@ -187,8 +189,12 @@ def test_nan_goes_where_it_is_read_and_nowhere_else():
     reads = [make(op, x) for op in ("sin", "exp", "tanh", "log", "sqrt", "abs", "sign", "floor", "atan")]
     reads += [make(op, x, y) for op in ("min", "max", "add", "atan2", "hypot")]
     reads += [make(op, y, x) for op in ("min", "max", "mul", "atan2", "hypot")]
-    apart = [make("where", make("isnan", x), y, x), make("where", make("lt", x, y), x, y), make("lt", x, y)]
-    case = one_step([*reads, *apart], graph, (k,), (x, y))
+    separate = [
+        make("where", make("isnan", x), y, x),
+        make("where", make("lt", x, y), x, y),
+        make("lt", x, y),
+    ]
+    case = one_step([*reads, *separate], graph, (k,), (x, y))
     case.inputs[:] = [[np.nan, 2.0]]
     outputs, _ = case.run()
     assert np.isnan(outputs[0, : len(reads)]).all()

@@ -87,8 +87,8 @@ RANGES = {
 @pytest.mark.parametrize("name", ONE)
 def test_relative_error_is_a_few_units_in_the_last_place(library, name, width):
     for x in RANGES[name]:
-        found, expected = evaluate(library, name, width, x), oracle(name, x)
-        units = np.abs(found - expected) / np.spacing(np.abs(expected))
+        computed, expected = evaluate(library, name, width, x), oracle(name, x)
+        units = np.abs(computed - expected) / np.spacing(np.abs(expected))
         assert units.max() <= 4.0, (name, x[units.argmax()])
 
 
@@ -99,34 +99,37 @@ def test_functions_of_two_arguments_too(library, name, width):
     for low, high in ((1e-150, 1e150), (1e-2, 1e2)):
         a = magnitudes(low, high, signs=name != "pow")
         b = draw.permutation(magnitudes(low, high)) if name != "pow" else draw.uniform(-2.0, 2.0, COUNT)
-        found, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
-        assert np.all(np.abs(found - expected) <= 4.0 * np.spacing(np.abs(expected)))
+        computed, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
+        assert np.all(np.abs(computed - expected) <= 4.0 * np.spacing(np.abs(expected)))
 
 
-def same(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+def same(computed: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Equal to 1e-15, also in the sign of zero; NaN where NaN is expected."""
     with np.errstate(invalid="ignore"):
-        near = (found == expected) | (np.abs(found - expected) <= 1e-15 * np.abs(expected))
-    return (near & (np.signbit(found) == np.signbit(expected))) | (np.isnan(found) & np.isnan(expected))
+        near = (computed == expected) | (np.abs(computed - expected) <= 1e-15 * np.abs(expected))
+    return (near & (np.signbit(computed) == np.signbit(expected))) | (np.isnan(computed) & np.isnan(expected))
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", ONE)
 def test_zeros_infinities_and_nan_come_out_as_in_numpy(library, name, width):
-    found, expected = evaluate(library, name, width, SPECIAL), oracle(name, SPECIAL)
+    computed, expected = evaluate(library, name, width, SPECIAL), oracle(name, SPECIAL)
     if name in ("sin", "tan"):
-        found, expected = found + 0.0, expected + 0.0  # ours lose the sign of −0
-    assert same(found, expected).all(), (found, expected)
+        computed, expected = computed + 0.0, expected + 0.0  # ours lose the sign of −0
+    assert same(computed, expected).all(), (computed, expected)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", TWO)
 def test_pairs_of_zeros_infinities_and_nan_come_out_as_in_numpy(library, name, width):
     a, b = (np.ascontiguousarray(x.ravel()) for x in np.meshgrid(SPECIAL, SPECIAL))
-    found, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
+    computed, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
     if name in ("min", "max"):
-        found, expected = found + 0.0, expected + 0.0  # which of two zeros is the smaller one is not said
-    assert same(found, expected).all(), list(zip(a, b, found, expected, strict=True))
+        computed, expected = (
+            computed + 0.0,
+            expected + 0.0,
+        )  # which of two zeros is the smaller one is not said
+    assert same(computed, expected).all(), list(zip(a, b, computed, expected, strict=True))
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -142,6 +145,6 @@ def test_overflow_is_infinite_and_underflow_is_gradual(library, width):
 def test_far_angles_keep_the_precision_that_the_angle_has(library, name, width):
     for limit in (1e9, 1e14, 1e300):
         x = magnitudes(1e6, limit)
-        found, expected = evaluate(library, name, width, x), oracle(name, x)
-        assert np.all(np.abs(found) <= 1.0 + 1e-12)
-        assert np.all(np.abs(found - expected) <= 1e-15 * np.abs(x))
+        computed, expected = evaluate(library, name, width, x), oracle(name, x)
+        assert np.all(np.abs(computed) <= 1.0 + 1e-12)
+        assert np.all(np.abs(computed - expected) <= 1e-15 * np.abs(x))

@@ -119,8 +119,8 @@ def test_a_complement_that_was_written_to_is_forgotten():
         return c, A @ np.array([[1.0, x], [3.0, 4.0]])
 
     inputs = np.array([0.3, -0.4])
-    found, expected = (scan(step, 0.0, 0.0, backend=b).run(inputs)[1] for b in ("python", "numpy"))
-    np.testing.assert_allclose(found, expected, rtol=1e-14)
+    computed, expected = (scan(step, 0.0, 0.0, backend=b).run(inputs)[1] for b in ("python", "numpy"))
+    np.testing.assert_allclose(computed, expected, rtol=1e-14)
 
 
 def test_what_a_step_returns_as_it_came_is_not_a_state():

@@ -82,9 +82,9 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_a_trace_error_names_the_line_and_what_to_write(name):
     f, code = CASES[name]
-    with refused(code, TraceError) as caught:
+    with refused(code, TraceError) as error_info:
         function(f, X, backend="python")
-    place, line, source = re.match(r"(.*):(\d+): (.*)", caught.value.diagnostic.figures["place"]).groups()
+    place, line, source = re.match(r"(.*):(\d+): (.*)", error_info.value.diagnostic.figures["place"]).groups()
     assert place == __file__
     first = f.__code__.co_firstlineno
     assert first <= int(line) <= first + 2

@@ -82,28 +82,28 @@ ARGUMENTS = (
 )
 
 
-def assert_same(found, expected):
-    assert isinstance(expected, type(found))  # NumPy's float64 is a float
+def assert_same(computed, expected):
+    assert isinstance(expected, type(computed))  # NumPy's float64 is a float
     if isinstance(expected, dict):
-        assert found.keys() == expected.keys()
-        found, expected = list(found.values()), list(expected.values())
+        assert computed.keys() == expected.keys()
+        computed, expected = list(computed.values()), list(expected.values())
     if isinstance(expected, tuple | list):
-        for a, b in zip(found, expected, strict=True):
+        for a, b in zip(computed, expected, strict=True):
             assert_same(a, b)
     elif isinstance(expected, Box):
-        assert_same((found.low, found.high), (expected.low, expected.high))
+        assert_same((computed.low, computed.high), (expected.low, expected.high))
     elif isinstance(expected, float | np.ndarray):
-        np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(computed, expected, rtol=1e-14, atol=1e-14)
     else:
-        assert found == expected
+        assert computed == expected
 
 
 def test_trees_go_in_and_come_out_as_they_are(backend):
     turn = function(rotate, *ARGUMENTS, backend=backend)
     assert turn.backend == backend
     assert_same(turn(*ARGUMENTS), rotate(*ARGUMENTS))
-    other = (ARGUMENTS[0]._replace(mean=np.array([-1.0, 0.5]), t_ns=3), -2.0, *ARGUMENTS[2:])
-    assert_same(turn(*other), rotate(*other))
+    arguments = (ARGUMENTS[0]._replace(mean=np.array([-1.0, 0.5]), t_ns=3), -2.0, *ARGUMENTS[2:])
+    assert_same(turn(*arguments), rotate(*arguments))
 
 
 def test_results_of_two_calls_are_apart(backend):
@@ -178,14 +178,14 @@ def test_an_equal_text_is_the_same_text():
 def test_a_compiled_block_steps_as_the_block(backend):
     block = Filter(np.array([0.5, 0.25]))
     fast = compiled(block, backend=backend)
-    belief, other = block.init(), fast.init()
+    belief, fast_belief = block.init(), fast.init()
     for k in range(4):
         z = np.array([1.0, -k, 2.0])
-        belief, said = block.step(belief, z, k)
-        other, said_fast = fast.step(other, z, t_ns=k)
-        assert_same(other, belief)
-        assert_same(said_fast["box"], said["box"])
-        assert said_fast["fresh"] == said["fresh"]
+        belief, output = block.step(belief, z, k)
+        fast_belief, said_fast = fast.step(fast_belief, z, t_ns=k)
+        assert_same(fast_belief, belief)
+        assert_same(said_fast["box"], output["box"])
+        assert said_fast["fresh"] == output["fresh"]
     assert fast.backend == backend
 
 
@@ -198,7 +198,7 @@ def test_a_compiled_block_is_compiled_once_for_each_shape():
 
 
 @dataclass
-class Scaled:
+class ScaledBlock:
     gain: float
 
     def step(self, x):
@@ -206,30 +206,30 @@ class Scaled:
 
 
 @pytest.fixture
-def kept(monkeypatch):
-    made = sys.modules["baqueano.symbolic.function"]
-    monkeypatch.setattr(made, "_cache", {})
-    return made._cache
+def kept_traces(monkeypatch):
+    module = sys.modules["baqueano.symbolic.function"]
+    monkeypatch.setattr(module, "_cache", {})
+    return module._cache
 
 
-def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept):
+def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept_traces):
     for k, gain in enumerate((2.0, 2, 0.0, -0.0)):
         for _ in range(2):
-            assert compiled(Scaled(gain), "python").step(3.0) == 3.0 * gain
-            assert len(kept) == k + 1
+            assert compiled(ScaledBlock(gain), "python").step(3.0) == 3.0 * gain
+            assert len(kept_traces) == k + 1
     for k in range(30):
         block = Filter(np.array([1.0, 2.0 + k]))
         belief, _ = compiled(block, "python").step(block.init(), np.ones(2))
         assert belief.mean.tolist() == [1.0, 2.0 + k]
-    assert len(kept) == sys.modules["baqueano.symbolic.function"].KEPT
+    assert len(kept_traces) == sys.modules["baqueano.symbolic.function"].KEPT
 
 
-def test_a_block_with_more_than_its_fields_is_traced_each_time(kept):
-    for hidden in (2.0, 3.0):
-        block = Scaled(1.0)
-        block.gain, block.hidden = hidden, None
-        assert compiled(block, "python").step(1.0) == hidden
-    assert not kept
+def test_a_block_with_more_than_its_fields_is_traced_each_time(kept_traces):
+    for gain in (2.0, 3.0):
+        block = ScaledBlock(1.0)
+        block.gain, block.hidden = gain, None
+        assert compiled(block, "python").step(1.0) == gain
+    assert not kept_traces
 
 
 def test_a_compiled_block_has_the_fields_of_the_block():
@@ -313,20 +313,20 @@ class Apart:
 
 def test_a_state_that_comes_back_is_reported_with_what_was_written_into_it(backend):
     plain, fast = Apart(), compiled(Apart(), backend=backend)
-    belief, other = plain.init(), fast.init()
+    belief, fast_belief = plain.init(), fast.init()
     for k in range(6):
-        belief, said = plain.step(belief, 0.5 * k)
-        other, found = fast.step(other, 0.5 * k)
-        for state in (belief, other):
+        belief, output = plain.step(belief, 0.5 * k)
+        fast_belief, computed = fast.step(fast_belief, 0.5 * k)
+        for state in (belief, fast_belief):
             if k == 2:
                 state.mean[1] = -7.0
-        assert_same(other, belief)
-        assert found == pytest.approx(said, rel=1e-14)
-        assert type(other.t_ns) is int
-    before = other.mean.copy()
-    again, _ = fast.step(other, 9.0)  # a result is never written to again
-    assert_same(other.mean, before)
-    assert_same(fast.step(other, 9.0)[0], again)
+        assert_same(fast_belief, belief)
+        assert computed == pytest.approx(output, rel=1e-14)
+        assert type(fast_belief.t_ns) is int
+    before = fast_belief.mean.copy()
+    kept_belief, _ = fast.step(fast_belief, 9.0)  # a result is never written to again
+    assert_same(fast_belief.mean, before)
+    assert_same(fast.step(fast_belief, 9.0)[0], kept_belief)
 
 
 def test_where_a_zero_does_not_last_the_general_kernel_runs(backend):
@@ -345,8 +345,8 @@ def test_where_a_zero_does_not_last_the_general_kernel_runs(backend):
 def test_zeros_that_last_are_left_out_of_the_text(backend):
     fast = compiled(Apart(), backend=backend)
     fast.step(fast.init(), 1.0)
-    (made,) = fast._steps.values()
-    first = made._runner._kernel.program
+    (step_function,) = fast._steps.values()
+    first = step_function._runner._kernel.program
     assert len(first.zeros) == 1 + 4  # of the mean, and between the third state and the others
     fast.step(fast.init()._replace(cov=np.ones((3, 3))), 1.0)
     assert len(fast._steps) == 1

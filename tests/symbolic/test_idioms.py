@@ -11,7 +11,7 @@ TABLE = np.array([-2.0, -0.5, 0.1, 1.0]), np.array([3.0, -1.0, 0.5, 0.25])
 T = np.array([[1.0, 0.0, 0.5], [0.0, 2.0, 0.0], [0.25, 0.0, 3.0]])
 
 
-def filled(x, maker):
+def fill(x, maker):
     A = maker()
     A[0, 1] = x[0]
     A[1, 1:] = x[1:]
@@ -128,15 +128,15 @@ IDIOMS = {
     "roll, tile, repeat": lambda x, y, A: (
         np.roll(x, 1) + np.tile(y[:1], 3) + np.repeat(x[1:2], 3) + x[0].reshape(1)
     ),
-    "filled zeros": lambda x, y, A: filled(x, lambda: np.zeros((3, 3))),
-    "filled identity": lambda x, y, A: filled(x, lambda: np.eye(3)),
+    "filled zeros": lambda x, y, A: fill(x, lambda: np.zeros((3, 3))),
+    "filled identity": lambda x, y, A: fill(x, lambda: np.eye(3)),
     "filled copies": lambda x, y, A: (
-        filled(x, lambda: np.zeros_like(T)) + filled(x, lambda: np.full((3, 3), 2.0))
+        fill(x, lambda: np.zeros_like(T)) + fill(x, lambda: np.full((3, 3), 2.0))
     ),
-    "filled ones": lambda x, y, A: filled(x, lambda: np.ones((3, 3))) + filled(x, lambda: np.array(T)),
+    "filled ones": lambda x, y, A: fill(x, lambda: np.ones((3, 3))) + fill(x, lambda: np.array(T)),
     "a filled diagonal": lambda x, y, A: diagonal_filled(x) @ y,
     "filled with a value": lambda x, y, A: np.full((2, 2), x[0]) + np.full_like(A, y[0])[:2, :2],
-    "like the argument": lambda x, y, A: filled(x, lambda: np.zeros_like(A)) + np.ones_like(x) * y,
+    "like the argument": lambda x, y, A: fill(x, lambda: np.zeros_like(A)) + np.ones_like(x) * y,
     "assignment where": lambda x, y, A: changed_where(x),
     "a written copy": lambda x, y, A: written_later(x),
     "a product written to": lambda x, y, A: after_a_product(x, A),
@@ -162,26 +162,26 @@ def all_of_them(x, y, A):
     return tuple(idiom(x, y, A) for idiom in IDIOMS.values())
 
 
-def close(found, expected, name, tolerance=1e-12):
-    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance, err_msg=name)
+def close(computed, expected, name, tolerance=1e-12):
+    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance, err_msg=name)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_compiled_text_gives_what_numpy_gives(backend):
     fast = function(all_of_them, *POINTS[0], backend=backend)
     for point in POINTS:
-        for name, found, expected in zip(IDIOMS, fast(*point), all_of_them(*point), strict=True):
-            close(found, expected, name)
-            assert np.shape(found) == np.shape(expected), name
+        for name, computed, expected in zip(IDIOMS, fast(*point), all_of_them(*point), strict=True):
+            close(computed, expected, name)
+            assert np.shape(computed) == np.shape(expected), name
 
 
 @pytest.mark.parametrize("name", IDIOMS)
 def test_es13_derivatives_are_the_limit_of_differences(name):
     x, y, A = POINTS[0]
-    found, h = jacobian(IDIOMS[name])(x, y, A), 1e-6
+    slope, h = jacobian(IDIOMS[name])(x, y, A), 1e-6
     for k, e in enumerate(np.eye(3) * h):
         ends = [np.array(IDIOMS[name](x + s * e, y, A), dtype=float) for s in (1.0, -1.0)]
-        close(found[..., k], (ends[0] - ends[1]) / (2.0 * h), name, tolerance=1e-7)
+        close(slope[..., k], (ends[0] - ends[1]) / (2.0 * h), name, tolerance=1e-7)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -191,8 +191,8 @@ def test_traced_derivatives_are_those_of_dual_numbers(backend):
 
     fast = function(slopes, *POINTS[0], backend=backend)
     for point in POINTS:
-        for name, found, expected in zip(IDIOMS, fast(*point), slopes(*point), strict=True):
-            close(found, expected, name, tolerance=1e-11)
+        for name, slope, expected in zip(IDIOMS, fast(*point), slopes(*point), strict=True):
+            close(slope, expected, name, tolerance=1e-11)
 
 
 def test_sensitivities_by_the_kernel_are_those_of_dual_numbers():
@@ -201,8 +201,8 @@ def test_sensitivities_by_the_kernel_are_those_of_dual_numbers():
     def step(theta, carry, k):
         return carry, np.concatenate([np.ravel(idiom(theta, y, A)) for idiom in IDIOMS.values()])
 
-    theta, found = POINTS[0][0], []
+    theta, slopes = POINTS[0][0], []
     for backend in ("numpy", "python"):
-        found.append(scan(step, 0.0, 0.0, theta, backend=backend).sensitivities(np.zeros(1), theta))
-    close(found[1][0], found[0][0], "values")
-    close(found[1][1], found[0][1], "slopes", tolerance=1e-11)
+        slopes.append(scan(step, 0.0, 0.0, theta, backend=backend).sensitivities(np.zeros(1), theta))
+    close(slopes[1][0], slopes[0][0], "values")
+    close(slopes[1][1], slopes[0][1], "slopes", tolerance=1e-11)

@@ -25,8 +25,8 @@ def length(x):
     return np.sqrt(x @ x + 1.0)
 
 
-def close(found, expected, tolerance=1e-12):
-    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+def close(computed, expected, tolerance=1e-12):
+    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance)
 
 
 @settings(max_examples=25)

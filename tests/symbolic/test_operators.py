@@ -49,8 +49,8 @@ def test_every_operator_is_that_of_numpy_and_neither_raises_nor_warns(op):
             expected = float(IN_NUMPY[op](*args))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = float(ieee.OPERATORS[op](*args))
-        np.testing.assert_allclose(found, expected, rtol=4e-16, err_msg=f"{op}{args}")
+            computed = float(ieee.OPERATORS[op](*args))
+        np.testing.assert_allclose(computed, expected, rtol=4e-16, err_msg=f"{op}{args}")
 
 
 @pytest.mark.parametrize("op", IN_CASADI)
@@ -164,8 +164,8 @@ def test_what_is_known_before_run_time_is_not_a_node(case):
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     make, expected = SIMPLE[case]
-    found = make(x, y)
-    assert found is x if expected == "x" else (type(found) is type(expected) and found == expected)
+    node = make(x, y)
+    assert node is x if expected == "x" else (type(node) is type(expected) and node == expected)
 
 
 @pytest.mark.parametrize("case", range(len(EQUAL)))
@@ -196,9 +196,9 @@ def test_equal_tables_are_one():
 def test_substitution_simplifies_again():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
-    (found,) = graph.substitute([x * y + apply("sin", y)], {y: graph.const(0.0)})
-    assert found.op == "const"
-    assert found.value == 0.0
+    (node,) = graph.substitute([x * y + apply("sin", y)], {y: graph.const(0.0)})
+    assert node.op == "const"
+    assert node.value == 0.0
 
 
 def test_below_gives_arguments_before_users():
@@ -226,12 +226,12 @@ def test_random_expressions_by_forward_rows_are_casadis(seed):
 
     draw = np.random.default_rng(seed)
     theta, inputs = draw.normal(size=3), draw.normal(size=(1, 3))
-    used = {n for n in below(program.outputs) if n.op == "symbol"} - {*program.theta, *program.inputs}
-    outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in used})
+    symbols_used = {n for n in below(program.outputs) if n.op == "symbol"} - {*program.theta, *program.inputs}
+    outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in symbols_used})
     program = program._replace(outputs=tuple(outputs))
     y, slopes = np.empty((1, len(outputs))), np.empty((1, len(outputs), 3))
     PythonKernel(program).sensitivities(1, theta, np.zeros(0), inputs, y, slopes)
-    expected, derived = in_casadi(program, theta, np.zeros(0), inputs)
+    expected, slopes_of_casadi = in_casadi(program, theta, np.zeros(0), inputs)
     np.testing.assert_allclose(y, in_numpy(program, theta, np.zeros(0), inputs)[0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(y, expected, rtol=1e-11, atol=1e-11)
-    np.testing.assert_allclose(slopes, derived, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(slopes, slopes_of_casadi, rtol=1e-9, atol=1e-9)

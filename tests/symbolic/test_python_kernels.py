@@ -19,8 +19,8 @@ class Case(CaseOfKernel):
     make_kernel = staticmethod(make_kernel)
 
 
-def close(found, expected, tolerance=1e-12):
-    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+def close(computed, expected, tolerance=1e-12):
+    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance)
 
 
 def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
@@ -34,8 +34,8 @@ def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
 def test_values_are_those_of_numpy(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
-    for found, wanted in zip(case.run(), expected, strict=True):
-        close(found, wanted)
+    for computed, reference in zip(case.run(), expected, strict=True):
+        close(computed, reference)
 
 
 @settings(max_examples=10)
@@ -45,10 +45,12 @@ def test_derivatives_are_those_of_casadi(seed):
     outputs = np.empty((case.n, len(case.program.outputs)))
     slopes = np.empty((*outputs.shape, len(case.theta)))
     case.kernel.sensitivities(*case.given(), outputs, slopes)
-    expected, derived = in_casadi(case.program, case.theta, case.start, case.inputs)
+    expected, slopes_of_casadi = in_casadi(case.program, case.theta, case.start, case.inputs)
     close(outputs, expected, 1e-11)
-    derived = np.where(np.isnan(derived), slopes, derived)  # if_else multiplies an arm that is inf by 0
-    close(slopes, derived, 1e-9 * max(1.0, np.abs(derived).max()))
+    slopes_of_casadi = np.where(
+        np.isnan(slopes_of_casadi), slopes, slopes_of_casadi
+    )  # if_else multiplies an arm that is inf by 0
+    close(slopes, slopes_of_casadi, 1e-9 * max(1.0, np.abs(slopes_of_casadi).max()))
 
 
 @settings(max_examples=10)
@@ -59,15 +61,15 @@ def test_every_lane_is_a_run_of_its_own(seed):
     theta = draw.normal(size=(lanes, len(program.theta)))
     start = draw.normal(size=(lanes, len(program.start)))
     is_shared = (True, False, True)
-    shared, own = case.inputs[:, [0, 2]], draw.normal(size=(lanes, case.n, 1))
+    shared_inputs, own = case.inputs[:, [0, 2]], draw.normal(size=(lanes, case.n, 1))
     outputs = np.empty((lanes, case.n, len(program.outputs)))
-    final, again = np.empty((lanes, len(program.carry))), np.empty((lanes, len(program.carry)))
-    case.kernel.batch(lanes, case.n, theta, start, shared, own, is_shared, outputs, final)
-    case.kernel.batch(lanes, case.n, theta, start, shared, own, is_shared, None, again)
-    close(again, final)
+    final, final_copy = np.empty((lanes, len(program.carry))), np.empty((lanes, len(program.carry)))
+    case.kernel.batch(lanes, case.n, theta, start, shared_inputs, own, is_shared, outputs, final)
+    case.kernel.batch(lanes, case.n, theta, start, shared_inputs, own, is_shared, None, final_copy)
+    close(final_copy, final)
     for k in range(lanes):
         case.theta, case.start = theta[k], start[k]
-        case.inputs = np.column_stack([shared[:, 0], own[k], shared[:, 1]])
+        case.inputs = np.column_stack([shared_inputs[:, 0], own[k], shared_inputs[:, 1]])
         close(outputs[k], case.run()[0])
         close(final[k], case.run()[1])
 
@@ -185,8 +187,8 @@ def test_normal_equations_bend_beyond_k():
 @pytest.mark.parametrize("seed", range(12))
 def test_one_tick_that_is_bound_is_a_tick_of_the_loop(seed):
     program = random_program(seed)
-    fixed = (*program.theta, *program.start, *program.carry)
-    tick = Program(program.graph, (), (), (), (), (*fixed, *program.inputs), (), program.outputs * 2)
+    bound_nodes = (*program.theta, *program.start, *program.carry)
+    tick = Program(program.graph, (), (), (), (), (*bound_nodes, *program.inputs), (), program.outputs * 2)
     draw = np.random.default_rng(seed)
     inputs, outputs, none = (
         draw.normal(size=(1, len(tick.inputs))),

@@ -33,7 +33,7 @@ class Push(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Said:
+class FilterOutput:
     t_ns: int
     y: np.ndarray
     late: bool
@@ -54,17 +54,17 @@ def filtered(theta, state, push):
     corrected = x + K @ (push.z - H @ x), A @ cov @ A.T + 0.04 * K @ K.T
     x, cov = (np.where(push.has, a, b) for a, b in zip(corrected, (x, cov), strict=True))
     armed = state.armed | push.has
-    return State(push.t_ns, x, cov, armed), Said(push.t_ns, x, push.t_ns - state.t_ns > 10)
+    return State(push.t_ns, x, cov, armed), FilterOutput(push.t_ns, x, push.t_ns - state.t_ns > 10)
 
 
 def residuals(theta, state, push):
-    state, said = filtered(theta, state, push)
-    return state, np.concatenate([said.y - push.z, [state.cov[0, 0]]])
+    state, output = filtered(theta, state, push)
+    return state, np.concatenate([output.y - push.z, [state.cov[0, 0]]])
 
 
 def effort(theta, state, push):
-    state, said = filtered(theta, state, push)
-    return state, said.y @ said.y + theta[1] ** 2
+    state, output = filtered(theta, state, push)
+    return state, output.y @ output.y + theta[1] ** 2
 
 
 START = State(-1, np.array([0.3, 0.0]), np.eye(2), False)
@@ -82,16 +82,16 @@ def tick(pushes, k):
     return Push(int(pushes.t_ns[k]), float(pushes.u[k]), bool(pushes.has[k]), pushes.z[k])
 
 
-def by_hand(step, theta, state=START, given=None):
-    given, outputs = pushes() if given is None else given, []
+def by_hand(step, theta, state=START, inputs=None):
+    inputs, outputs = pushes() if inputs is None else inputs, []
     for k in range(N):
-        state, output = step(theta, state, tick(given, k))
+        state, output = step(theta, state, tick(inputs, k))
         outputs.append(output)
     return state, outputs
 
 
-def close(found, expected, tolerance=1e-12):
-    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance)
+def close(computed, expected, tolerance=1e-12):
+    np.testing.assert_allclose(computed, expected, rtol=tolerance, atol=tolerance)
 
 
 @pytest.fixture(scope="module", params=BACKENDS)
@@ -110,25 +110,25 @@ def differences(f, theta, h=1e-6):
 
 def test_a_run_is_the_loop_over_the_ticks(kernel, backend):
     assert kernel.backend == backend
-    last, said = kernel.run(pushes(), THETA)
+    last, output = kernel.run(pushes(), THETA)
     expected, outputs = by_hand(filtered, THETA)
     assert type(last) is State
-    assert type(said) is Said
+    assert type(output) is FilterOutput
     close(last.x, expected.x)
     close(last.cov, expected.cov)
-    close(said.y, [output.y for output in outputs])
-    assert said.y.shape == (N, 2)
+    close(output.y, [output.y for output in outputs])
+    assert output.y.shape == (N, 2)
 
 
 def test_integers_truths_and_words_come_back_as_they_were(kernel):
-    last, said = kernel.run(pushes(), THETA)
+    last, output = kernel.run(pushes(), THETA)
     assert type(last.t_ns) is int
     assert last.t_ns == 2**50 + 10 * (N - 1)
     assert last.armed is True
-    assert said.t_ns.dtype == np.int64
-    assert said.late.dtype == bool
-    assert said.late.tolist() == [True] + [False] * (N - 1)
-    assert said.label == "measured"
+    assert output.t_ns.dtype == np.int64
+    assert output.late.dtype == bool
+    assert output.late.tolist() == [True] + [False] * (N - 1)
+    assert output.label == "measured"
 
 
 def test_a_run_may_start_from_another_carry(kernel):
@@ -155,8 +155,8 @@ def test_sensitivities_are_the_limit_of_differences(backend):
     def outputs(theta):
         return np.array(by_hand(residuals, theta)[1])
 
-    found, slopes = kernel.sensitivities(pushes(), THETA)
-    close(found, outputs(THETA))
+    values, slopes = kernel.sensitivities(pushes(), THETA)
+    close(values, outputs(THETA))
     assert slopes.shape == (N, 3, 3)
     close(slopes, differences(outputs, THETA), 1e-7)
 
@@ -170,8 +170,8 @@ def test_sensitivities_of_the_start_come_for_free(backend):
     def outputs(theta):
         return np.array(by_hand(residuals, theta, start(theta))[1])
 
-    found, slopes = kernel.sensitivities(pushes(), THETA)
-    close(found, outputs(THETA))
+    values, slopes = kernel.sensitivities(pushes(), THETA)
+    close(values, outputs(THETA))
     close(slopes, differences(outputs, THETA), 1e-7)
     close(kernel.run(pushes(), THETA)[0].cov, by_hand(residuals, THETA, start(THETA))[0].cov)
     close(kernel.run(pushes(), THETA, carry=START)[0].cov, by_hand(residuals, THETA)[0].cov)
@@ -197,25 +197,25 @@ def test_normal_equations_are_those_of_the_sensitivities(backend, huber):
     k = np.inf if huber is None else huber
     w = np.minimum(1.0, k / np.abs(r))
     rho = np.where(np.abs(r) <= k, 0.5 * r * r, 0.0 if huber is None else k * np.abs(r) - 0.5 * k * k)
-    found = kernel.normal_equations(pushes(), THETA, huber=huber)
-    close(found.cost, rho.sum())
-    close(found.gradient, np.einsum("ni,nip->p", w * r, slopes), 1e-11)
-    close(found.hessian, np.einsum("ni,nip,niq->pq", w, slopes, slopes), 1e-11)
+    equations = kernel.normal_equations(pushes(), THETA, huber=huber)
+    close(equations.cost, rho.sum())
+    close(equations.gradient, np.einsum("ni,nip->p", w * r, slopes), 1e-11)
+    close(equations.hessian, np.einsum("ni,nip,niq->pq", w, slopes, slopes), 1e-11)
 
 
 def test_lanes_are_runs_side_by_side(kernel):
     theta = np.array([THETA, 1.1 * THETA, 0.9 * THETA])
-    given, others = pushes(), pushes(seed=1)
-    u = np.stack([given.u, others.u, -others.u])
+    inputs, second = pushes(), pushes(seed=1)
+    u = np.stack([inputs.u, second.u, -second.u])
     start = START._replace(x=np.array([[0.3, 0.0], [0.1, 0.2], [-0.5, 1.0]]))
-    last, said = kernel.batch(given._replace(u=u), theta, carry=start, outputs=True)
-    assert said.y.shape == (3, N, 2)
+    last, output = kernel.batch(inputs._replace(u=u), theta, carry=start, outputs=True)
+    assert output.y.shape == (3, N, 2)
     assert last.t_ns.tolist() == [2**50 + 10 * (N - 1)] * 3
     for k in range(3):
-        one, each = kernel.run(given._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
-        close(last.cov[k], one.cov)
-        close(said.y[k], each.y)
-    assert kernel.batch(given._replace(u=u), theta, carry=start)[1] is None
+        single, each = kernel.run(inputs._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
+        close(last.cov[k], single.cov)
+        close(output.y[k], each.y)
+    assert kernel.batch(inputs._replace(u=u), theta, carry=start)[1] is None
 
 
 def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(kernel, backend):
@@ -226,8 +226,8 @@ def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(k
     def start(theta):
         return START._replace(x=theta[:2] * 0.1)
 
-    other = scan(filtered, start, EXAMPLE, THETA, backend=backend)
-    close(other.batch(pushes(), theta)[0].x[1], other.run(pushes(), theta[1])[0].x)
+    compiled = scan(filtered, start, EXAMPLE, THETA, backend=backend)
+    close(compiled.batch(pushes(), theta)[0].x[1], compiled.run(pushes(), theta[1])[0].x)
 
 
 def test_lanes_of_a_matrix_that_is_not_symmetric(kernel):
@@ -251,10 +251,10 @@ def test_an_integer_that_does_not_stay_one_is_a_float(backend):
         return (c[0] + 0.5, c[1] + 1, True, 2.5, c[4] - c[0]), c[0]
 
     kernel = scan(step, (0, 0, False, 0, 0), 0.0, backend=backend)
-    last, said = kernel.run(np.zeros(3))
+    last, output = kernel.run(np.zeros(3))
     assert last == (1.5, 3, True, 2.5, -1.5)
     assert [type(x) for x in last] == [float, int, bool, float, float]
-    close(said, [0.0, 0.5, 1.0])
+    close(output, [0.0, 0.5, 1.0])
 
 
 def test_lists_dicts_and_nothing_are_trees_too(backend):
@@ -263,20 +263,20 @@ def test_lists_dicts_and_nothing_are_trees_too(backend):
         return {"pair": [b, a + x["u"]], "none": None}, (a, [None, {"b": b}])
 
     kernel = scan(step, {"pair": [1.0, 2.0], "none": None}, {"u": 0.0}, backend=backend)
-    last, (a, (nothing, named)) = kernel.run({"u": np.array([1.0, 1.0])})
+    last, (a, (nothing, by_name)) = kernel.run({"u": np.array([1.0, 1.0])})
     assert last == {"pair": [2.0, 3.0], "none": None}
     assert nothing is None
     close(a, [1.0, 2.0])
-    close(named["b"], [2.0, 2.0])
+    close(by_name["b"], [2.0, 2.0])
 
 
 def test_no_ticks_leave_the_start_as_it_is(backend):
     kernel = scan(
         lambda c, x: (c + x, 2.0 * c), 1.5, 0.0, backend="python" if backend == "numpy" else backend
     )
-    last, said = kernel.run(np.zeros(0))
+    last, output = kernel.run(np.zeros(0))
     assert last == 1.5
-    assert said.shape == (0,)
+    assert output.shape == (0,)
 
 
 def test_a_long_route_is_read_as_a_table(backend):
@@ -287,9 +287,9 @@ def test_a_long_route_is_read_as_a_table(backend):
         return t + dt, np.interp(theta[0] * t, s, route)
 
     kernel = scan(step, 0.0, 0.0, np.ones(1), backend=backend)
-    found, slopes = kernel.sensitivities(np.full(50, 0.2), np.array([0.7]))
+    values, slopes = kernel.sensitivities(np.full(50, 0.2), np.array([0.7]))
     t = np.arange(50) * 0.2
-    close(found[:, 0], np.interp(0.7 * t, s, route), 1e-12)
+    close(values[:, 0], np.interp(0.7 * t, s, route), 1e-12)
     close(slopes[:, 0, 0], t * np.cos(0.7 * t), 1e-2)
 
 

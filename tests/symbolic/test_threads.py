@@ -26,26 +26,26 @@ def step(theta, x, u):
     return y, y * np.sin(theta[0])
 
 
-def made(backend="c"):
+def kernel_of(backend="c"):
     return scan(step, np.zeros(2), np.zeros(2), np.zeros(3), backend=backend)
 
 
 def test_threads_that_ask_at_once_get_what_one_gets():
     u, theta = np.random.default_rng(0).normal(size=(50, 2)), np.array([0.5, -0.3, 1.2])
-    wanted = made().sensitivities(u, theta)
-    one, together = made(), Barrier(THREADS)
-    graph = one.trace.graph
+    reference = kernel_of().sensitivities(u, theta)
+    kernel, together = kernel_of(), Barrier(THREADS)
+    graph = kernel.trace.graph
     graph.nodes = Slow(graph.nodes)
 
-    def asked(_):
+    def sensitivities(_):
         together.wait()
-        return one.sensitivities(u, theta)
+        return kernel.sensitivities(u, theta)
 
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(asked, range(THREADS)))
+        results = list(pool.map(sensitivities, range(THREADS)))
     numbers = [node.index for node in graph.nodes.values()]
     assert len(set(numbers)) == len(numbers)
-    assert len(one.runners) == 1
-    for outputs, slopes in found:
-        np.testing.assert_array_equal(outputs, wanted[0])
-        np.testing.assert_array_equal(slopes, wanted[1])
+    assert len(kernel.runners) == 1
+    for outputs, slopes in results:
+        np.testing.assert_array_equal(outputs, reference[0])
+        np.testing.assert_array_equal(slopes, reference[1])

@@ -37,27 +37,27 @@ def test_a_trace_inside_a_trace_does_not_end_the_outer_one():
 
 
 def test_other_threads_get_what_they_always_got():
-    inside, leave, found = threading.Event(), threading.Event(), []
+    inside, leave, types = threading.Event(), threading.Event(), []
 
     def trace():
         with tracing():
             inside.set()
             leave.wait(10.0)
-            found.append(type(np.zeros(2)))
+            types.append(type(np.zeros(2)))
 
     thread = threading.Thread(target=trace)
     thread.start()
     inside.wait(10.0)
-    found.append(type(np.zeros(2)))
-    found.append(np.array([1.0]).dtype)
+    types.append(type(np.zeros(2)))
+    types.append(np.array([1.0]).dtype)
     leave.set()
     thread.join()
-    assert found == [np.ndarray, np.dtype(float), TracedArray]
+    assert types == [np.ndarray, np.dtype(float), TracedArray]
     assert type(np.zeros(2)) is np.ndarray
 
 
 def test_traces_in_many_threads_give_their_own_results():
-    found: dict[int, np.ndarray] = {}
+    results: dict[int, np.ndarray] = {}
     before = originals()
 
     def work(k):
@@ -67,14 +67,14 @@ def test_traces_in_many_threads_give_their_own_results():
             return np.array([A[0, 0], jacobian(lambda y: y[0] * y[1])(x)[0]])
 
         for _ in range(5):
-            found[k] = function(f, np.ones(3), backend="python")(np.array([1.0, 2.0, 3.0]))
+            results[k] = function(f, np.ones(3), backend="python")(np.array([1.0, 2.0, 3.0]))
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(6)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert {k: v.tolist() for k, v in found.items()} == {k: [float(k), 2.0] for k in range(6)}
+    assert {k: v.tolist() for k, v in results.items()} == {k: [float(k), 2.0] for k in range(6)}
     assert originals() == before
 
 

@@ -19,9 +19,9 @@ def laps():
 
 def test_the_cost_of_a_lap_equals_that_of_tune(laps):
     own = laps.space.before
-    lap, tuned = laps.lap(own), rehearse(load("small"), ROUTE)
-    assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(tuned.cost(own), rel=1e-9)
-    assert lap.distance_rms_m == pytest.approx(tuned.drive(own).distance_rms_m, rel=1e-9)
+    lap, rehearsal = laps.lap(own), rehearse(load("small"), ROUTE)
+    assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(rehearsal.cost(own), rel=1e-9)
+    assert lap.distance_rms_m == pytest.approx(rehearsal.drive(own).distance_rms_m, rel=1e-9)
     assert laps.costs(np.array([own, own]))[1] == pytest.approx([lap.path_cost, lap.jerk_cost])
 
 

@@ -24,13 +24,13 @@ def test_margins_are_those_of_python_control(name, late):
     omega = np.geomspace(0.02, np.pi / DT_S, 4000)
     response = control.frd(loop(np.exp(1j * omega * DT_S)), omega, smooth=True)
     gains, phases, _, _, at, _ = control.stability_margins(response, returnall=True)
-    ours = margins(Linear(loop.A, loop.B, loop.C, loop.D, DT_S))
+    own_margins = margins(Linear(loop.A, loop.B, loop.C, loop.D, DT_S))
     above, below = [g for g in gains if g > 1.0], [g for g in gains if g < 1.0]
-    assert ours[0] == pytest.approx(min(above, default=np.inf), rel=1e-3)
-    assert ours[1] == pytest.approx(max(below, default=0.0), rel=1e-3)
+    assert own_margins[0] == pytest.approx(min(above, default=np.inf), rel=1e-3)
+    assert own_margins[1] == pytest.approx(max(below, default=0.0), rel=1e-3)
     smallest = np.argmin(np.abs(phases))
-    assert np.degrees(ours[2]) == pytest.approx(phases[smallest], rel=1e-3)
-    assert ours[3] == pytest.approx(np.min(np.radians(phases % 360.0) / at), rel=1e-3)
+    assert np.degrees(own_margins[2]) == pytest.approx(phases[smallest], rel=1e-3)
+    assert own_margins[3] == pytest.approx(np.min(np.radians(phases % 360.0) / at), rel=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -44,15 +44,15 @@ def test_the_loop_of_a_vehicle_has_the_margins_of_python_control(plant):
         loop = opened(plant, channel)
         omega = np.geomspace(0.05, np.pi / plant.dt_s, 4000)
         response = control.frd(loop.at(omega), omega, smooth=True)
-        theirs = control.StateSpace(loop.A, loop.B, loop.C, loop.D, plant.dt_s)
+        reference = control.StateSpace(loop.A, loop.B, loop.C, loop.D, plant.dt_s)
         np.testing.assert_allclose(
-            loop.at(omega[::200]), theirs(np.exp(1j * omega[::200] * plant.dt_s)), rtol=1e-6
+            loop.at(omega[::200]), reference(np.exp(1j * omega[::200] * plant.dt_s)), rtol=1e-6
         )
         gain, phase, _, _, crossover, _ = control.stability_margins(response)
-        ours = margins(loop)
-        assert ours[0] == pytest.approx(gain, rel=1e-3)
-        assert np.degrees(ours[2]) == pytest.approx(phase, rel=1e-3)
-        assert ours[3] == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
+        own_margins = margins(loop)
+        assert own_margins[0] == pytest.approx(gain, rel=1e-3)
+        assert np.degrees(own_margins[2]) == pytest.approx(phase, rel=1e-3)
+        assert own_margins[3] == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
 
 
 def closed_with(loop: Linear, gain: float, ticks: int) -> float:

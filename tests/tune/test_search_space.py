@@ -41,8 +41,8 @@ def test_an_array_is_named_as_a_whole_or_by_an_entry():
         "e_max[1]",
         "e_max[2]",
     )
-    one = search_space(load("small"), ["e_max[1]"], {"e_max": (0.01, 1.0)}, "lqr")
-    assert (one.names, one.low[0], one.high[0]) == (("e_max[1]",), 0.01, 1.0)
+    space = search_space(load("small"), ["e_max[1]"], {"e_max": (0.01, 1.0)}, "lqr")
+    assert (space.names, space.low[0], space.high[0]) == (("e_max[1]",), 0.01, 1.0)
 
 
 def test_the_gradient_by_an_entry_is_exact():
@@ -90,11 +90,11 @@ def own_class(module: str = "__main__") -> type:
 
 
 def test_a_class_of_a_cell_is_tuned_and_its_block_can_drive():
-    tuned = tune(load("small"), ROUTE, controller=own_class("a cell"), gains=["k"], **QUICK)
-    assert tuned.cost < tuned.cost_before
-    assert tuned.controller.k == tuned.values["k"] != 1.0
+    tuning = tune(load("small"), ROUTE, controller=own_class("a cell"), gains=["k"], **QUICK)
+    assert tuning.cost < tuning.cost_before
+    assert tuning.controller.k == tuning.values["k"] != 1.0
     with refused("tune.of-a-cell", UsageError, controller="Steady"):
-        tuned.applied()
+        tuning.applied()
 
 
 def test_a_soft_bound_is_widened_and_a_hard_one_is_kept():
@@ -110,8 +110,8 @@ def test_a_gain_on_a_soft_bound_is_searched_for_again_beyond_it():
     """A drive of a second wants a far heavier error ahead than the first bounds allow."""
     narrow = load("small").with_values({"controller.kind": "lqr", "controller.e_max": [40.0, 0.05, 0.3]})
     first = search_space(narrow, ["e_max[0]"])
-    tuned = tune(narrow, ROUTE, gains=["e_max[0]"], **QUICK)
-    (gain,) = tuned.gains
+    tuning = tune(narrow, ROUTE, gains=["e_max[0]"], **QUICK)
+    (gain,) = tuning.gains
     assert gain.low < first.low[0]
     assert gain.value < first.low[0]
     inside = at_limit(np.array([gain.value]), np.array([gain.low]), np.array([gain.high]))

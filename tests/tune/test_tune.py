@@ -29,7 +29,7 @@ def small():
 
 
 @pytest.fixture(scope="module")
-def tuned(small):
+def tuning(small):
     return tune(small, ROUTE, **PAPERS)
 
 
@@ -61,75 +61,81 @@ def test_the_gradient_through_the_closed_loop_is_exact(small):
         np.testing.assert_allclose(slope, numeric, rtol=2e-3, atol=1e-6)
 
 
-def test_a_search_without_gradients_finds_nothing_better(small, tuned):
+def test_a_search_without_gradients_finds_nothing_better(small, tuning):
     from scipy.optimize import differential_evolution
 
     drive = rehearse(small, ROUTE, **PAPERS)
     bounds = list(zip(drive.space.low, drive.space.high, strict=True))
-    other = differential_evolution(drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8)
-    assert tuned.cost <= other.fun * (1 + 1e-4)
+    evolved = differential_evolution(
+        drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8
+    )
+    assert tuning.cost <= evolved.fun * (1 + 1e-4)
 
 
-def test_tuned_gains_drive_better_than_those_of_the_file(tuned):
-    assert tuned.cost <= tuned.cost_before
-    assert tuned.cost < tuned.cost_standing
-    assert tuned.drive.distance_rms_m < 0.1
-    assert tuned.verdict in (Verdict.USABLE, Verdict.WARN)
+def test_tuned_gains_drive_better_than_those_of_the_file(tuning):
+    assert tuning.cost <= tuning.cost_before
+    assert tuning.cost < tuning.cost_standing
+    assert tuning.drive.distance_rms_m < 0.1
+    assert tuning.verdict in (Verdict.USABLE, Verdict.WARN)
 
 
-def test_the_result_has_a_row_per_gain_and_the_history_of_the_search(tuned):
-    rows = tuned.rows()
+def test_the_result_has_a_row_per_gain_and_the_history_of_the_search(tuning):
+    rows = tuning.rows()
     assert [row["name"] for row in rows] == ["alpha", "beta", "gamma"]
     assert all(row["low"] <= row["value"] <= row["high"] for row in rows)
     assert all(row["cost_at_0.8"] >= 1 - 1e-6 for row in rows if not row["at_limit"])
     assert rows[0]["unit"] == "unit of u per m"
-    assert len(tuned.history) == rows[0]["evaluations"]
-    assert tuned.history[:, 1].min() == pytest.approx(tuned.cost)
-    assert "a radian weighs 0.06 m; perfect pose" in tuned.table()
-    gain = f"cost {tuned.cost_before:.4g} → {tuned.cost:.4g} m², {tuned.cost_standing:.4g} without control; "
-    assert gain in tuned.table()
+    assert len(tuning.history) == rows[0]["evaluations"]
+    assert tuning.history[:, 1].min() == pytest.approx(tuning.cost)
+    assert "a radian weighs 0.06 m; perfect pose" in tuning.table()
+    gain = (
+        f"cost {tuning.cost_before:.4g} → {tuning.cost:.4g} m², {tuning.cost_standing:.4g} without control; "
+    )
+    assert gain in tuning.table()
     assert rows[0]["cost_before"] > rows[0]["cost"]
-    assert rows[0]["cost_standing"] == tuned.cost_standing
-    assert tuned.table().endswith(verdict_line(tuned.verdict, tuned.reasons))
+    assert rows[0]["cost_standing"] == tuning.cost_standing
+    assert tuning.table().endswith(verdict_line(tuning.verdict, tuning.reasons))
 
 
-def test_a_price_on_the_command_gives_a_calmer_drive(small, tuned):
+def test_a_price_on_the_command_gives_a_calmer_drive(small, tuning):
     calm = tune(small, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
-    assert calm.drive.saturated < tuned.drive.saturated
-    assert calm.values["gamma"] < tuned.values["gamma"]
+    assert calm.drive.saturated < tuning.drive.saturated
+    assert calm.values["gamma"] < tuning.values["gamma"]
 
 
 def test_moving_and_turning_the_route_changes_no_cost(small):
-    there = moved(ROUTE, np.array([3.0, -2.0, 3.0]))
-    assert rehearse(small, there).cost(GAINS) == pytest.approx(rehearse(small, ROUTE).cost(GAINS), rel=1e-6)
+    moved_route = moved(ROUTE, np.array([3.0, -2.0, 3.0]))
+    assert rehearse(small, moved_route).cost(GAINS) == pytest.approx(
+        rehearse(small, ROUTE).cost(GAINS), rel=1e-6
+    )
 
 
 def test_a_gain_at_its_limit_is_reported(small):
-    tuned = tune(small, circle(0.4, 0.3), bounds={"alpha": (3.0, 4.0)}, starts=1)
-    assert tuned.values["alpha"] == pytest.approx(4.0, rel=1e-2)
-    (reason,) = (one for one in tuned.reasons if one.code == "tune.at-upper-limit")
+    tuning = tune(small, circle(0.4, 0.3), bounds={"alpha": (3.0, 4.0)}, starts=1)
+    assert tuning.values["alpha"] == pytest.approx(4.0, rel=1e-2)
+    (reason,) = (reason for reason in tuning.reasons if reason.code == "tune.at-upper-limit")
     assert (reason.subject, reason.figures) == ("alpha", {"limit": 4.0, "unit": "unit of u per m"})
 
 
 def test_some_gains_can_be_tuned_and_the_others_left(small):
-    tuned = tune(small, circle(0.4, 0.3), gains=["beta"], starts=1, duration_s=3.0)
-    assert list(tuned.values) == ["beta"]
-    assert tuned.applied().controller().alpha == small.controller().alpha
+    tuning = tune(small, circle(0.4, 0.3), gains=["beta"], starts=1, duration_s=3.0)
+    assert list(tuning.values) == ["beta"]
+    assert tuning.applied().controller().alpha == small.controller().alpha
 
 
 def test_a_file_without_gains_gets_them(small):
     bare = with_papers_pd(gains="")
-    tuned = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
-    assert np.isnan(tuned.cost_before)
-    assert f"cost {tuned.cost:.4g} m², {tuned.cost_standing:.4g} without control" in tuned.table()
-    assert tuned.applied().controller().alpha == pytest.approx(tuned.values["alpha"])
+    tuning = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
+    assert np.isnan(tuning.cost_before)
+    assert f"cost {tuning.cost:.4g} m², {tuning.cost_standing:.4g} without control" in tuning.table()
+    assert tuning.applied().controller().alpha == pytest.approx(tuning.values["alpha"])
 
 
-def test_the_file_takes_the_gains_with_where_they_come_from(tuned, tmp_path):
-    path = tuned.save(tmp_path / "mine.toml")
-    again = load(path)
-    assert again.controller().beta == pytest.approx(tuned.values["beta"])
-    assert again.provenance["controller.beta"].run == "tune, perfect pose"
+def test_the_file_takes_the_gains_with_where_they_come_from(tuning, tmp_path):
+    path = tuning.save(tmp_path / "mine.toml")
+    updated_file = load(path)
+    assert updated_file.controller().beta == pytest.approx(tuning.values["beta"])
+    assert updated_file.provenance["controller.beta"].run == "tune, perfect pose"
     assert "# the scale;" in path.read_text(encoding="utf-8")
 
 
@@ -145,14 +151,14 @@ def test_the_estimator_can_stand_in_the_loop(small):
 
 
 @pytest.fixture(scope="module")
-def identified(small):
+def identified_file(small):
     cov = ParameterCov(("model.friction.linear[0]", "model.mass_kg"), np.diag([0.3**2, 0.05**2]))
     return small.with_values({"controller.alpha": 6.0}, parameter_cov=cov)
 
 
-def test_the_cost_can_be_nearly_that_of_the_worst_of_drawn_vehicles(small, identified):
+def test_the_cost_can_be_nearly_that_of_the_worst_of_drawn_vehicles(small, identified_file):
     route = circle(0.4, 0.3)
-    drive = rehearse(identified, route, draws=5, duration_s=3.0)
+    drive = rehearse(identified_file, route, draws=5, duration_s=3.0)
     costs = []
     for linear, mass, late in drive.vehicles:
         vehicle = small.with_values({"model.friction.linear": [linear, 40.0, 0.0115], "model.mass_kg": mass,
@@ -164,34 +170,40 @@ def test_the_cost_can_be_nearly_that_of_the_worst_of_drawn_vehicles(small, ident
     assert np.mean(costs) < drive.cost(GAINS) < max(costs) * 1.05
 
 
-def test_a_delay_that_the_fit_does_not_know_is_drawn_within_ten_milliseconds(identified):
-    late = rehearse(identified, ROUTE, draws=50).vehicles[:, -1]
+def test_a_delay_that_the_fit_does_not_know_is_drawn_within_ten_milliseconds(identified_file):
+    late = rehearse(identified_file, ROUTE, draws=50).vehicles[:, -1]
     assert late[0] == 0.01
     assert 0.0 <= late.min() < 0.002
     assert 0.018 < late.max() <= 0.02
 
 
-def test_the_slope_over_vehicles_is_exact_one_after_the_other_and_in_lanes(identified, monkeypatch):
-    drive = rehearse(identified, circle(0.4, 0.3), draws=3, duration_s=1.0)
+def test_the_slope_over_vehicles_is_exact_one_after_the_other_and_in_lanes(identified_file, monkeypatch):
+    drive = rehearse(identified_file, circle(0.4, 0.3), draws=3, duration_s=1.0)
     cost, slope = drive.cost_and_gradient(GAINS)
     numeric = [(drive.cost(GAINS + h) - drive.cost(GAINS - h)) / (2 * h.sum()) for h in np.diag(1e-5 * GAINS)]
     np.testing.assert_allclose(slope, numeric, rtol=2e-3)
     for name in ("LANES_FROM", "TICKS_FROM"):
         monkeypatch.setattr(sys.modules[Rehearsal.__module__], name, 2)
-    again, lanes = drive.cost_and_gradient(GAINS)
-    assert again == pytest.approx(cost, rel=1e-9) == drive.cost(GAINS)
+    total, lanes = drive.cost_and_gradient(GAINS)
+    assert total == pytest.approx(cost, rel=1e-9) == drive.cost(GAINS)
     np.testing.assert_allclose(lanes, slope, rtol=1e-6)
 
 
-def test_the_worst_of_other_vehicles_is_never_worse_than_with_nominal_gains(identified):
-    tuned = tune(
-        identified, circle(0.4, 0.3), starts=1, polish=False, draws=4, duration_s=2.0, gains=["alpha", "beta"]
+def test_the_worst_of_other_vehicles_is_never_worse_than_with_nominal_gains(identified_file):
+    tuning = tune(
+        identified_file,
+        circle(0.4, 0.3),
+        starts=1,
+        polish=False,
+        draws=4,
+        duration_s=2.0,
+        gains=["alpha", "beta"],
     )
-    assert tuned.worst is not None
-    assert (tuned.worst.draws, tuned.worst.judges) == (4, 200)
-    assert tuned.worst.cost <= tuned.worst.nominal
-    assert f"worst of 200 other vehicles: {tuned.worst.cost:.4g} m²" in tuned.table()
-    assert tuned.rows()[0]["worst_cost"] == tuned.worst.cost
+    assert tuning.worst is not None
+    assert (tuning.worst.draws, tuning.worst.judges) == (4, 200)
+    assert tuning.worst.cost <= tuning.worst.nominal
+    assert f"worst of 200 other vehicles: {tuning.worst.cost:.4g} m²" in tuning.table()
+    assert tuning.rows()[0]["worst_cost"] == tuning.worst.cost
 
 
 def test_several_routes_count_alike(small):
@@ -208,11 +220,11 @@ def test_several_seeds_count_alike_and_other_seeds_judge(small):
     both, *each = (rehearse(small, ROUTE, seeds=n, seed=k, **options) for n, k in ((2, 7), (1, 7), (1, 8)))
     gains = np.array([3.0])
     assert both.cost(gains) == pytest.approx(np.mean([drive.cost(gains) for drive in each]), rel=1e-12)
-    tuned = tune(small, ROUTE, starts=1, polish=False, seeds=2, **options)
-    assert tuned.fresh is not None
-    assert tuned.fresh.seeds == 30
-    assert tuned.fresh.searched == pytest.approx(tuned.cost, rel=1e-9)
-    assert "on 30 other seeds" in tuned.table()
+    tuning = tune(small, ROUTE, starts=1, polish=False, seeds=2, **options)
+    assert tuning.fresh is not None
+    assert tuning.fresh.seeds == 30
+    assert tuning.fresh.searched == pytest.approx(tuning.cost, rel=1e-9)
+    assert "on 30 other seeds" in tuning.table()
 
 
 def test_effort_has_a_price_of_its_own(small):
@@ -225,9 +237,9 @@ def test_effort_has_a_price_of_its_own(small):
 
 
 def test_a_route_faster_than_the_vehicle_is_refused(small):
-    tuned = tune(small, circle(2.0, 4.0), starts=1, duration_s=5.0)
-    assert tuned.verdict == Verdict.REFUSED
-    assert [one.code for one in tuned.reasons] == ["tune.uncontrolled"]
+    tuning = tune(small, circle(2.0, 4.0), starts=1, duration_s=5.0)
+    assert tuning.verdict == Verdict.REFUSED
+    assert [reason.code for reason in tuning.reasons] == ["tune.uncontrolled"]
 
 
 @pytest.mark.parametrize(

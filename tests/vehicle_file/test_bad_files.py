@@ -16,10 +16,10 @@ SMALL = load("small").text
 def refused_as(old, new, text=SMALL):
     """The diagnostic of the small vehicle's file with `old` written as `new`."""
     assert old in text, f"the file has no {old!r}"
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         parse(text.replace(old, new, 1), "my.toml")
-    assert caught.value.exit_code == 3
-    return caught.value.diagnostic
+    assert error_info.value.exit_code == 3
+    return error_info.value.diagnostic
 
 
 CASES = {
@@ -132,9 +132,11 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_fi3_fi7_what_is_wrong_is_named_by_code_and_figures(case):
     old, new, code, figures = CASES[case]
-    found = next(one for one in within(refused_as(old, new)) if one.code == code)
-    known = {name: figure for one in within(found) for name, figure in one.figures.items()}
-    assert {name: known[name] for name in figures} == figures
+    cause = next(diagnostic for diagnostic in within(refused_as(old, new)) if diagnostic.code == code)
+    figures_by_name = {
+        name: figure for diagnostic in within(cause) for name, figure in diagnostic.figures.items()
+    }
+    assert {name: figures_by_name[name] for name in figures} == figures
 
 
 def test_the_line_is_named():
@@ -144,25 +146,25 @@ def test_the_line_is_named():
 
 
 def test_all_that_is_wrong_is_reported_at_once():
-    why = refused_as("mass_kg = 0.61 ", "mass_kg = -1\nslope = 3 ")
-    assert why.figures["first"].code == "vehicle.out-of-range"
-    assert why.figures["rest"].code == "vehicle.key-unknown"
-    assert len(text(why).splitlines()) == 2
+    reason = refused_as("mass_kg = 0.61 ", "mass_kg = -1\nslope = 3 ")
+    assert reason.figures["first"].code == "vehicle.out-of-range"
+    assert reason.figures["rest"].code == "vehicle.key-unknown"
+    assert len(text(reason).splitlines()) == 2
 
 
 def test_fi3_inertia_larger_than_the_vehicle_is_refused_with_the_arithmetic():
-    why = refused_as("mass_kg = 0.61", "mass_kg = 0.61\ninertia_kg_m2 = 669.12")
-    assert (why.code, why.figures["found"], why.figures["mass_kg"]) == (
+    reason = refused_as("mass_kg = 0.61", "mass_kg = 0.61\ninertia_kg_m2 = 669.12")
+    assert (reason.code, reason.figures["found"], reason.figures["mass_kg"]) == (
         "vehicle.inertia-too-large", 669.12, 0.61,
     )  # fmt: skip
-    assert why.figures["gyration_m"] == pytest.approx(33.1, abs=0.05)
-    assert why.figures["measure"].figures["radius_m"] == 0.07
-    assert why.figures["measure"].figures["uniform_kg_m2"] == pytest.approx(0.00149, abs=5e-6)
+    assert reason.figures["gyration_m"] == pytest.approx(33.1, abs=0.05)
+    assert reason.figures["measure"].figures["radius_m"] == 0.07
+    assert reason.figures["measure"].figures["uniform_kg_m2"] == pytest.approx(0.00149, abs=5e-6)
 
 
 def test_inertia_of_a_point_is_refused():
-    why = refused_as("mass_kg = 0.61", "mass_kg = 0.61\ninertia_kg_m2 = 1.49e-6")
-    assert "vehicle.inertia-of-point" in {one.code for one in within(why)}
+    reason = refused_as("mass_kg = 0.61", "mass_kg = 0.61\ninertia_kg_m2 = 1.49e-6")
+    assert "vehicle.inertia-of-point" in {diagnostic.code for diagnostic in within(reason)}
 
 
 def test_inertia_without_a_radius_asks_for_one():
@@ -195,16 +197,19 @@ def test_es1_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matr
         if table == "sensors.imu"
         else f'{old}[estimator]\nkind = "ekf"\n{name} = {matrix}\n'
     )
-    why = refused_as(old, new, text)
-    assert (why.code, why.figures["place"].figures["key"]) == ("vehicle.not-covariance", f"[{table}] {name}")
-    message = str(why.figures["error"])
+    reason = refused_as(old, new, text)
+    assert (reason.code, reason.figures["place"].figures["key"]) == (
+        "vehicle.not-covariance",
+        f"[{table}] {name}",
+    )
+    message = str(reason.figures["error"])
     for part in parts:
         assert part in message
-    offered = message[message.index("nearest valid matrix is ") + len("nearest valid matrix is ") :]
-    mended = np.array(eval(offered.rstrip(".")))
-    assert np.linalg.eigvalsh(mended)[0] > -1e-6 * np.max(np.abs(mended))
+    proposal = message[message.index("nearest valid matrix is ") + len("nearest valid matrix is ") :]
+    proposed_matrix = np.array(eval(proposal.rstrip(".")))
+    assert np.linalg.eigvalsh(proposed_matrix)[0] > -1e-6 * np.max(np.abs(proposed_matrix))
     if name == "measurement_noise_cov":
-        assert np.max(np.abs(mended - np.array(matrix))) < 1e-3
+        assert np.max(np.abs(proposed_matrix - np.array(matrix))) < 1e-3
 
 
 def test_what_a_block_lacks_is_reported_when_it_is_asked_for():

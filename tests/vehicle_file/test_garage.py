@@ -11,7 +11,7 @@ from tests.codes import refused
 DT_S = 0.01
 
 
-def driven(u, duration_s=2.0, vehicle=None):
+def drive_vehicle(u, duration_s=2.0, vehicle=None):
     """ν (k, 3) of the small vehicle from rest under a steady command."""
     vehicle = load("small").vehicle if vehicle is None else vehicle
     state, nu = vehicle.init(), []
@@ -62,30 +62,30 @@ def test_the_small_vehicle_has_the_inertia_of_a_disc():
 
 
 def test_the_small_vehicle_runs_between_0_45_and_0_68_m_s_at_full_command():
-    assert 0.45 < driven([1.0, 0.0, 0.0])[-1, 0] < 0.68
+    assert 0.45 < drive_vehicle([1.0, 0.0, 0.0])[-1, 0] < 0.68
 
 
 def test_the_small_vehicle_turns_at_8_to_11_5_rad_s_at_full_command():
-    assert 8.0 < driven([0.0, 0.0, 1.0])[-1, 2] < 11.5
+    assert 8.0 < drive_vehicle([0.0, 0.0, 1.0])[-1, 2] < 11.5
 
 
 def test_the_small_vehicle_does_not_start_below_30_percent_and_has_started_at_45():
-    assert np.hypot(*driven([0.29, 0.0, 0.0])[-1, :2]) < 0.02
-    assert driven([0.45, 0.0, 0.0])[-1, 0] > 0.05
+    assert np.hypot(*drive_vehicle([0.29, 0.0, 0.0])[-1, :2]) < 0.02
+    assert drive_vehicle([0.45, 0.0, 0.0])[-1, 0] > 0.05
 
 
 def test_the_small_vehicle_answers_within_50_to_300_ms():
-    nu = driven([0.8, 0.0, 0.0])[:, 0]
+    nu = drive_vehicle([0.8, 0.0, 0.0])[:, 0]
     rise_s = DT_S * np.argmax(nu > 0.63 * nu[-1])
     assert 0.05 < rise_s < 0.30
 
 
 def test_the_left_and_right_motors_of_the_small_vehicle_are_not_equal():
-    assert abs(driven([0.6, 0.0, 0.0])[-1, 2]) > 0.02
+    assert abs(drive_vehicle([0.6, 0.0, 0.0])[-1, 2]) > 0.02
 
 
 def test_the_car_reaches_a_speed_and_turns_left_with_a_positive_servo():
-    nu = driven([0.4, 0.3], 3.0, load("car").vehicle)
+    nu = drive_vehicle([0.4, 0.3], 3.0, load("car").vehicle)
     assert 0.5 < nu[-1, 0] < 2.5
     assert nu[-1, 2] > 0.5
 

@@ -28,10 +28,10 @@ def test_without_the_key_there_is_no_filter_and_a_low_pass_that_is_written_wins(
     assert not file.with_values({KEY: np.inf}).sensors.imu.has_low_pass
 
 
-@pytest.mark.parametrize("named", ["garage", "beside"])
-def test_a_simulation_filters_as_the_file_says(named, tmp_path):
-    truth = "small" if named == "garage" else "body.toml"
-    if named == "beside":
+@pytest.mark.parametrize("truth_name", ["garage", "beside"])
+def test_a_simulation_filters_as_the_file_says(truth_name, tmp_path):
+    truth = "small" if truth_name == "garage" else "body.toml"
+    if truth_name == "beside":
         load("small").save(tmp_path / truth)
     load("small").with_values({SETTING: 5, "simulation.truth": truth}).save(tmp_path / "mine.toml")
     file = load(tmp_path / "mine.toml")

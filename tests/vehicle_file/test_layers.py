@@ -54,18 +54,20 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
     if not with_tomlkit:
         monkeypatch.setitem(sys.modules, "tomlkit", None)
     small = load("small")
-    other = override(small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.gate_sigma=5"])
-    assert (other.vehicle.mass_kg, other.vehicle.friction.linear[0]) == (0.7, 4.0)
-    assert other.estimator().gate_sigma == 5.0
+    changed_file = override(
+        small, ["model.mass_kg=0.7", "model.friction.linear[0]=4", "estimator.gate_sigma=5"]
+    )
+    assert (changed_file.vehicle.mass_kg, changed_file.vehicle.friction.linear[0]) == (0.7, 4.0)
+    assert changed_file.estimator().gate_sigma == 5.0
     assert small.vehicle.mass_kg == 0.61
-    assert other.layers == (
+    assert changed_file.layers == (
         "garage: small", "--set model.mass_kg=0.7", "--set model.friction.linear[0]=4", "--set "
         "estimator.gate_sigma=5",
     )  # fmt: skip
-    assert [row["key"] for row in changes(small, other)] == [
+    assert [row["key"] for row in changes(small, changed_file)] == [
         "model.mass_kg", "model.friction.linear", "estimator.gate_sigma",
     ]  # fmt: skip
-    assert parse(other.text, "again").vehicle.mass_kg == 0.7
+    assert parse(changed_file.text, "again").vehicle.mass_kg == 0.7
 
 
 @pytest.mark.parametrize(
@@ -83,16 +85,16 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
     ],
 )
 def test_what_makes_no_sense_on_the_command_line_is_a_matter_of_usage(setting, part):
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError) as error_info:
         override(load("small"), [setting])
-    assert part in str(caught.value)
-    assert caught.value.exit_code == 2
+    assert part in str(error_info.value)
+    assert error_info.value.exit_code == 2
 
 
 def test_a_block_of_ones_own_is_found_beside_the_vehicle_file(workshop):
     file = load(workshop / "my.toml")
-    mine = file.controller()
-    assert (type(mine).__name__, mine.k_x, mine.vehicle) == ("Mine", 2.0, file.vehicle)
+    controller = file.controller()
+    assert (type(controller).__name__, controller.k_x, controller.vehicle) == ("Mine", 2.0, file.vehicle)
 
 
 def test_its_fields_are_the_keys_of_its_table(workshop):
@@ -101,9 +103,9 @@ def test_its_fields_are_the_keys_of_its_table(workshop):
         'kind = "mine.py:Mine"',
         'kind = "mine.py:Mine"\nk_x = 5\nsteps = 2\nflag = true\nword = "b"\ngains = [1, 2]',
     )
-    mine = parse(text, "my.toml", file.path).controller()
-    assert (mine.k_x, mine.steps, mine.flag, mine.word) == (5.0, 2, True, "b")
-    assert isinstance(mine.gains, np.ndarray)
+    controller = parse(text, "my.toml", file.path).controller()
+    assert (controller.k_x, controller.steps, controller.flag, controller.word) == (5.0, 2, True, "b")
+    assert isinstance(controller.gains, np.ndarray)
 
 
 @pytest.mark.parametrize(
@@ -121,16 +123,16 @@ def test_its_table_is_checked_like_ours(workshop, line, part):
     file = load(workshop / "my.toml")
     text = file.text.replace('kind = "mine.py:Mine"', f'kind = "mine.py:Mine"\n{line}')
     (workshop / "my.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         load(workshop / "my.toml")
-    assert part in str(caught.value)
+    assert part in str(error_info.value)
 
 
 def test_another_block_than_the_file_names_takes_the_keys_it_knows(workshop):
     small = load("small")
-    mine = small.controller(kind=f"{workshop / 'mine.py'}:Mine", k_x=7.0)
-    assert (mine.k_x, mine.steps) == (7.0, 3)
-    _, command = mine.step(None, None, Command(5, np.zeros(3)))
+    controller = small.controller(kind=f"{workshop / 'mine.py'}:Mine", k_x=7.0)
+    assert (controller.k_x, controller.steps) == (7.0, 3)
+    _, command = controller.step(None, None, Command(5, np.zeros(3)))
     assert command.t_ns == 5
 
 
@@ -199,9 +201,9 @@ def test_the_filter_gets_the_rate_of_the_file_and_the_delay_its_slots():
 
 
 def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
-    found = rows()
-    assert [row for row in found if not row["meaning"]] == []
-    keys = {(row["table"], row["key"]) for row in found}
+    key_rows = rows()
+    assert [row for row in key_rows if not row["meaning"]] == []
+    keys = {(row["table"], row["key"]) for row in key_rows}
     for key in [
         ("model", "mass_kg"),
         ("model.friction", "linear"),
@@ -209,7 +211,7 @@ def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
         ("controller", "alpha"),
     ]:
         assert key in keys
-    inertia = next(row for row in found if row["key"] == "inertia_kg_m2")
+    inertia = next(row for row in key_rows if row["key"] == "inertia_kg_m2")
     assert (inertia["unit"], inertia["range"], inertia["default"]) == (
         "kg m²",
         "1e-09 to 1e+07",
@@ -225,13 +227,13 @@ def test_the_documentation_is_a_page_of_tables():
 
 
 def test_a_default_of_the_documentation_is_toml():
-    found = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
-    assert found["sensors.NAME", "tags", "sees_offset"] == "`true`"
-    assert found["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
-    written = [
-        tomllib.loads(f"key = {default.strip('`')}") for default in found.values() if default[:1] == "`"
+    defaults = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
+    assert defaults["sensors.NAME", "tags", "sees_offset"] == "`true`"
+    assert defaults["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
+    defaults_text = [
+        tomllib.loads(f"key = {default.strip('`')}") for default in defaults.values() if default[:1] == "`"
     ]
-    assert len(written) > 100
+    assert len(defaults_text) > 100
 
 
 def test_the_documentation_in_spanish_has_the_same_keys_defaults_and_no_english_words():
@@ -241,5 +243,9 @@ def test_the_documentation_in_spanish_has_the_same_keys_defaults_and_no_english_
     assert [row["key"] for row in spanish] == [row["key"] for row in english]
     assert "| `mass_kg` | masa m | kg |  | 0,001 a 100000 | obligatorio |" in page
     pairs = list(zip(english, spanish, strict=True))
-    assert [theirs for ours, theirs in pairs if ours["meaning"] == theirs["meaning"] != "√V"] == []
-    assert all(ours["default"] == theirs["default"] for ours, theirs in pairs if ours["default"][:1] == "`")
+    assert [spanish for english, spanish in pairs if english["meaning"] == spanish["meaning"] != "√V"] == []
+    assert all(
+        english["default"] == spanish["default"]
+        for english, spanish in pairs
+        if english["default"][:1] == "`"
+    )

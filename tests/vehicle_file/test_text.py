@@ -19,9 +19,9 @@ SMALL = load("small").text
 def said_to(tmp_path, content):
     path = tmp_path / "my.toml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         load(path)
-    return str(caught.value)
+    return str(error_info.value)
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
@@ -108,10 +108,10 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
     ],
 )
 def test_fi1_what_is_not_toml_is_reported_with_its_line(text, part):
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError) as error_info:
         tables(text, "my.toml")
-    assert str(caught.value).startswith("my.toml line ")
-    assert part in str(caught.value)
+    assert str(error_info.value).startswith("my.toml line ")
+    assert part in str(error_info.value)
 
 
 def test_every_key_is_found_on_its_line():
@@ -132,8 +132,8 @@ def test_a_dump_reads_back_the_same():
         "text": 'quotes " and \\ and ñ',
         "odd": {"a key": [[1.0], [2.0, 3.0]], "n": float("nan")},
     }
-    again = tables(dump(data), "y")
-    assert json.dumps(again, sort_keys=True) == json.dumps(data, sort_keys=True)
+    data_again = tables(dump(data), "y")
+    assert json.dumps(data_again, sort_keys=True) == json.dumps(data, sort_keys=True)
 
 
 def test_fi2_typing_errors_are_found_and_the_right_key_is_named():
@@ -141,20 +141,20 @@ def test_fi2_typing_errors_are_found_and_the_right_key_is_named():
     rng = random.Random(7)
     keys = [line.split(" =")[0] for line in SMALL.splitlines() if " = " in line and line[:1].isalpha()]
     keys = [k for k in keys if len(k) > 3 and k not in ("kind", "format", "name", "about")]
-    named = 0
+    count_named = 0
     for _ in range(200):
         key = rng.choice(keys)
         wrong = typed_wrong(rng, key)
         if wrong in keys:
-            named += 1
+            count_named += 1
             continue
         text = "\n".join(
             line.replace(key, wrong, 1) if line.startswith(f"{key} ") else line for line in SMALL.split("\n")
         )
-        with pytest.raises(FileError) as caught:
+        with pytest.raises(FileError) as error_info:
             parse(text, "my.toml")
-        named += f"Did you mean {key}?" in str(caught.value) or f" {key} " in str(caught.value)
-    assert named >= 190
+        count_named += f"Did you mean {key}?" in str(error_info.value) or f" {key} " in str(error_info.value)
+    assert count_named >= 190
 
 
 def typed_wrong(rng, key):

@@ -25,21 +25,23 @@ def difference(before, after):
 
 def test_only_the_changed_lines_change_and_their_comments_stay():
     small = load("small")
-    other = small.with_values({"model.mass_kg": 0.62, "sensors.imu.gyro_bias": 0.01})
-    assert difference(small, other) == [
+    changed_file = small.with_values({"model.mass_kg": 0.62, "sensors.imu.gyro_bias": 0.01})
+    assert difference(small, changed_file) == [
         "-mass_kg = 0.61 # the scale; inertia_kg_m2 is left out: ½ m R² = 0.00149",
         "+mass_kg = 0.62 # the scale; inertia_kg_m2 is left out: ½ m R² = 0.00149",
         "-gyro_bias = 0.015",
         "+gyro_bias = 0.01",
     ]
-    assert (other.vehicle.mass_kg, other.sensors.imu.gyro_bias) == (0.62, 0.01)
+    assert (changed_file.vehicle.mass_kg, changed_file.sensors.imu.gyro_bias) == (0.62, 0.01)
     assert small.vehicle.mass_kg == 0.61
 
 
 def test_comments_within_a_matrix_stay():
-    other = load("small").with_values({"model.actuator_matrix[0,0]": 3.5, "model.actuator_matrix[2][2]": 0.2})
-    assert "  [3.5, 0.0, 0.0], # both motors stalled: 2 · 0.055 N m / 0.0325 m" in other.text
-    assert np.diag(other.vehicle.actuator_matrix).tolist() == [3.5, 0.0, 0.2]
+    changed_file = load("small").with_values(
+        {"model.actuator_matrix[0,0]": 3.5, "model.actuator_matrix[2][2]": 0.2}
+    )
+    assert "  [3.5, 0.0, 0.0], # both motors stalled: 2 · 0.055 N m / 0.0325 m" in changed_file.text
+    assert np.diag(changed_file.vehicle.actuator_matrix).tolist() == [3.5, 0.0, 0.2]
 
 
 def test_the_same_values_give_the_same_text():
@@ -54,16 +56,16 @@ def test_the_same_values_give_the_same_text():
 
 
 def test_a_key_that_the_file_leaves_out_is_added_to_its_table():
-    other = load("small").with_values({"model.friction.cornering": 0.2, "model.drivetrain.sag": 0.1})
-    assert other.vehicle.friction.cornering == 0.2
-    assert difference(load("small"), other) == ["+cornering = 0.2", "+sag = 0.1"]
+    changed_file = load("small").with_values({"model.friction.cornering": 0.2, "model.drivetrain.sag": 0.1})
+    assert changed_file.vehicle.friction.cornering == 0.2
+    assert difference(load("small"), changed_file) == ["+cornering = 0.2", "+sag = 0.1"]
 
 
 def test_a_table_that_the_file_leaves_out_is_made():
     text = load("small").text
     text = text[: text.index("[controller]")]
-    other = parse(text, "x.toml").with_values({"controller.k_x": 1.5, "controller.k_chi": 2.5})
-    assert (other.controller().k_x, other.controller().k_chi) == (1.5, 2.5)
+    changed_file = parse(text, "x.toml").with_values({"controller.k_x": 1.5, "controller.k_chi": 2.5})
+    assert (changed_file.controller().k_x, changed_file.controller().k_chi) == (1.5, 2.5)
 
 
 def test_a_model_is_a_guess_until_a_fit_that_was_not_refused_has_written_a_value_of_it():
@@ -85,24 +87,24 @@ def test_a_whole_table_may_be_said_to_be_a_guess_and_a_fit_leaves_that_for_the_r
 
 
 def test_a_fitted_value_has_its_provenance():
-    other = load("small").with_values(
+    changed_file = load("small").with_values(
         {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED}
     )
     assert (
         '[provenance."model.friction.linear"]\nrun = "runs/0001-experiment.mcap"\ndate = 2026-11-21\n'
-        in other.text
+        in changed_file.text
     )
-    found = other.provenance["model.friction.linear"]
-    assert (found.run, found.date, found.verdict) == (FITTED.run, FITTED.date, "USABLE")
-    assert found.sd.tolist() == SD.tolist()
+    provenance = changed_file.provenance["model.friction.linear"]
+    assert (provenance.run, provenance.date, provenance.verdict) == (FITTED.run, FITTED.date, "USABLE")
+    assert provenance.sd.tolist() == SD.tolist()
 
 
 def test_a_value_is_written_to_a_thousandth_of_its_standard_deviation():
-    other = load("small").with_values(
+    changed_file = load("small").with_values(
         {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED._asdict()}
     )
-    assert "linear = [3.41235, 41.0, 0.0123] # back EMF" in other.text
-    assert np.all(np.abs(other.vehicle.friction.linear - LINEAR) < 1e-3 * SD)
+    assert "linear = [3.41235, 41.0, 0.0123] # back EMF" in changed_file.text
+    assert np.all(np.abs(changed_file.vehicle.friction.linear - LINEAR) < 1e-3 * SD)
 
 
 def test_without_a_standard_deviation_a_value_is_written_exactly():
@@ -123,16 +125,19 @@ def test_the_covariance_of_the_last_fit_survives_the_file():
     A = rng.standard_normal((3, 3)) * [1e-2, 1.0, 1e-4]
     cov = A.T @ A
     names = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.mass_kg")
-    other = load("small").with_values({}, parameter_cov=ParameterCov(names, cov, "runs/0001.mcap"))
-    assert "names = [" in other.text
-    assert "correlation = [[1.0], [" in other.text
-    assert other.parameter_cov.names == names
+    changed_file = load("small").with_values({}, parameter_cov=ParameterCov(names, cov, "runs/0001.mcap"))
+    assert "names = [" in changed_file.text
+    assert "correlation = [[1.0], [" in changed_file.text
+    assert changed_file.parameter_cov.names == names
     assert (
-        np.max(np.abs(other.parameter_cov.cov - cov) / np.sqrt(np.outer(np.diag(cov), np.diag(cov)))) < 1e-7
+        np.max(np.abs(changed_file.parameter_cov.cov - cov) / np.sqrt(np.outer(np.diag(cov), np.diag(cov))))
+        < 1e-7
     )
-    again = other.with_values({}, parameter_cov=ParameterCov(names[:1], cov[:1, :1], "runs/0002.mcap"))
-    assert again.parameter_cov.cov.shape == (1, 1)
-    assert again.text.count("[parameter_cov]") == 1
+    refitted_file = changed_file.with_values(
+        {}, parameter_cov=ParameterCov(names[:1], cov[:1, :1], "runs/0002.mcap")
+    )
+    assert refitted_file.parameter_cov.cov.shape == (1, 1)
+    assert refitted_file.text.count("[parameter_cov]") == 1
 
 
 def test_the_difference_of_two_files_is_the_history_of_wear():
@@ -204,10 +209,10 @@ def test_a_vehicle_of_the_garage_is_not_overwritten():
 
 def test_a_file_that_somebody_else_changed_is_not_overwritten(tmp_path):
     path = load("small").save(tmp_path / "my.toml")
-    mine = load(path).with_values({"model.mass_kg": 0.7})
+    edited_file = load(path).with_values({"model.mass_kg": 0.7})
     path.write_text(path.read_text(encoding="utf-8") + "# from the editor\n", encoding="utf-8")
     with refused("vehicle.changed-since", FileError):
-        mine.save()
+        edited_file.save()
     assert "# from the editor" in path.read_text(encoding="utf-8")
 
 

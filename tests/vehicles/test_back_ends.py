@@ -90,18 +90,18 @@ def test_a_drive_is_the_same_in_every_back_end(name):
     def step(state, x):
         return vehicle.step(state, x.u, x.dt_s, x.noise)
 
-    state, moved = vehicle.init(np.array([0.1, 0.2, 3.0])), []
+    state, motions = vehicle.init(np.array([0.1, 0.2, 3.0])), []
     example = Input(inputs.u[0], inputs.dt_s[0], inputs.noise[0])
     start = state
     for k in range(N):
         state, motion = step(state, Input(inputs.u[k], inputs.dt_s[k], inputs.noise[k]))
-        moved.append(flat(motion))
-    plain = np.array(moved)
+        motions.append(flat(motion))
+    plain = np.array(motions)
     bound = 1e-12 * np.maximum(1.0, np.abs(plain))
     for backend in ("python", "c"):
         end, outputs = scan(step, start, example, backend=backend).run(inputs)
-        found = flat(outputs, N)
-        assert np.all(np.abs(found - plain) <= bound), backend
+        computed = flat(outputs, N)
+        assert np.all(np.abs(computed - plain) <= bound), backend
         assert np.all(np.abs(flat(end) - flat(state)) <= 1e-12 * np.maximum(1.0, np.abs(flat(state)))), (
             backend
         )

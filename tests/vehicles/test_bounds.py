@@ -65,17 +65,17 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("code", "figures", "made"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, made):
+@pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
+def test_what_cannot_be_is_refused(code, figures, make):
     with refused(code, ValueError, **figures):
-        made()
+        make()
 
 
 @pytest.mark.parametrize("block", [Planar, Kinematic, Car, Friction, Drivetrain])
 def test_every_parameter_says_its_unit_and_its_meaning(block):
-    found = dict(parameters(block))
-    assert found
-    for name, p in found.items():
+    values = dict(parameters(block))
+    assert values
+    for name, p in values.items():
         assert p.unit, name
         assert p.meaning, name
         assert p.low < p.high, name

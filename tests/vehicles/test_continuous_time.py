@@ -32,7 +32,7 @@ def accelerations(nu, wheels):
     return np.array([X / M + nu[2] * nu[1] + C * nu[2] ** 2, Y / M - nu[2] * nu[0] - C * r_dot, r_dot])
 
 
-def felt(nu, nu_dot):
+def imu_reading(nu, nu_dot):
     """What an IMU at LEVER says of it."""
     lx, ly = LEVER
     return BIAS + np.array(
@@ -60,24 +60,24 @@ def exact(changes, delay_s, lag_s, times):
             nu_dot = accelerations(nu, drive)
             go = [np.cos(psi) * nu[0] - np.sin(psi) * nu[1], np.sin(psi) * nu[0] + np.cos(psi) * nu[1], nu[2]]
             follow = (w - x[6:8]) / lag_s if lag_s else np.zeros(2)
-            return np.concatenate([go, nu_dot, follow, (felt(nu, nu_dot) - x[8:]) / tau_s])
+            return np.concatenate([go, nu_dot, follow, (imu_reading(nu, nu_dot) - x[8:]) / tau_s])
 
         x = solve_ivp(dot, (a, b), x, rtol=1e-11, atol=1e-13).y[:, -1]
-        now = felt(x[3:6], accelerations(x[3:6], x[6:8] if lag_s else w))
+        now = imu_reading(x[3:6], accelerations(x[3:6], x[6:8] if lag_s else w))
         out[b] = np.concatenate([x[:6], now, x[8:]])
     return np.array([out[t] for t in times])
 
 
-def ours(vehicle, imus, steps_s, changes):
+def simulated_outputs(vehicle, imus, steps_s, changes):
     """The same by the vehicle's own step, one command a tick."""
-    state, said = vehicle.init(), [imu.init() for imu in imus]
+    state, states = vehicle.init(), [imu.init() for imu in imus]
     t, out = 0.0, []
     for dt_s in steps_s:
         u = [u for s, u in changes if s <= t + 1e-9][-1]
         state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
         t, z = t + dt_s, []
         for k, imu in enumerate(imus):
-            said[k], slot = imu.step(said[k], motion, dt_s, np.zeros(6))
+            states[k], slot = imu.step(states[k], motion, dt_s, np.zeros(6))
             z.append(slot.z)
         out.append(np.concatenate([motion.eta, motion.nu, *z]))
     return np.array(out)
@@ -106,26 +106,28 @@ def errors(delay_s, lag_s, dt_s):
     N = round(DURATION_S / dt_s)
     times = [float(t) for t in np.round(dt_s * np.arange(1, N + 1), 12)]
     slots = int(np.ceil(delay_s / dt_s)) + 1 if delay_s else 0
-    found = ours(vehicle_with(delay_s, lag_s, slots), IMUS, np.full(N, dt_s), changes)
-    return np.abs(found - exact(changes, delay_s, lag_s, times)).max(axis=0)
+    readings = simulated_outputs(vehicle_with(delay_s, lag_s, slots), IMUS, np.full(N, dt_s), changes)
+    return np.abs(readings - exact(changes, delay_s, lag_s, times)).max(axis=0)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.013])
 def test_with_a_lag_the_error_of_a_tick_falls_with_the_fourth_power_of_it(delay_s):
     """Pose, velocity and what an IMU shows, of commands that come in the middle of a tick."""
     ticks = np.array([0.01, 0.005, 0.0025])
-    found = np.array([errors(delay_s, LAG_S, dt_s) for dt_s in ticks])
-    slopes = [np.polyfit(np.log(ticks), np.log(column), 1)[0] for column in found[:, :9].T]
+    differences = np.array([errors(delay_s, LAG_S, dt_s) for dt_s in ticks])
+    slopes = [np.polyfit(np.log(ticks), np.log(column), 1)[0] for column in differences[:, :9].T]
     assert min(slopes) > 3.4
-    assert np.all(found[0] < [1e-6, 1e-6, 1e-4, 1e-6, 1e-5, 5e-4, 5e-4, 5e-4, 5e-4, 2e-2, 2e-2, 5e-3])
-    assert np.polyfit(np.log(ticks), np.log(found[:, 9:].max(axis=1)), 1)[0] > 2.5  # behind the low-pass
+    assert np.all(differences[0] < [1e-6, 1e-6, 1e-4, 1e-6, 1e-5, 5e-4, 5e-4, 5e-4, 5e-4, 2e-2, 2e-2, 5e-3])
+    assert (
+        np.polyfit(np.log(ticks), np.log(differences[:, 9:].max(axis=1)), 1)[0] > 2.5
+    )  # behind the low-pass
 
 
 def test_without_a_lag_a_command_in_the_middle_of_a_tick_costs_more():
-    whole, broken = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
+    whole, in_two_parts = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
     assert np.all(whole[:9] < 1e-3)
-    assert np.all(broken[:9] < 5e-3)
-    assert broken[:9].sum() > whole[:9].sum()
+    assert np.all(in_two_parts[:9] < 5e-3)
+    assert in_two_parts[:9].sum() > whole[:9].sum()
 
 
 def test_an_accelerometer_shows_the_effort_of_its_instant_and_not_the_mean_of_the_tick():
@@ -144,8 +146,8 @@ def test_ticks_of_any_length_feel_a_command_at_its_time():
     changes = [(float(t), rng.uniform(-1.0, 1.0, 3) * (k % 4 == 0)) for k, t in enumerate(begins)]
     changes[0] = (0.0, np.zeros(3))
     times = [float(t) for t in np.cumsum(steps_s) if t < DURATION_S]
-    found = ours(vehicle_with(0.013, LAG_S, 4), IMUS, steps_s, changes)[: len(times)]
-    assert np.all(np.abs(found - exact(changes, 0.013, LAG_S, times)).max(axis=0)[:9] < 5e-4)
+    readings = simulated_outputs(vehicle_with(0.013, LAG_S, 4), IMUS, steps_s, changes)[: len(times)]
+    assert np.all(np.abs(readings - exact(changes, 0.013, LAG_S, times)).max(axis=0)[:9] < 5e-4)
 
 
 class Hovercraft(FromAcceleration):
@@ -205,8 +207,8 @@ def fine(accelerate, changes, delay_s, times):
     edges = sorted({0.0, *times, *(t + delay_s for t, _ in changes if t + delay_s < times[-1])})
     x, out, n = np.zeros(6 + len(changes[0][1])), {}, len(changes[0][1])
     for a, b in pairwise(edges):
-        sent = [u for t, u in changes if t + delay_s <= a + 1e-12]
-        w = sent[-1] if sent else np.zeros(n)
+        inputs_sent = [u for t, u in changes if t + delay_s <= a + 1e-12]
+        w = inputs_sent[-1] if inputs_sent else np.zeros(n)
 
         def dot(t, x, w=w):
             psi, nu = x[2], x[3:6] if accelerate else VELOCITY @ x[6:]
@@ -224,18 +226,18 @@ def fine(accelerate, changes, delay_s, times):
 @pytest.mark.parametrize("delay_s", [0.0, 0.013])
 @pytest.mark.parametrize("kind", OTHERS)
 def test_the_error_of_every_vehicle_falls_with_the_fourth_power_of_the_tick(kind, delay_s):
-    made, accelerate, command = OTHERS[kind]
+    make, accelerate, command = OTHERS[kind]
     changes, ticks = [(0.02 * k, command(k)) for k in range(30)], np.array([0.01, 0.005, 0.0025])
     moments = [float(t) for t in np.round(ticks[0] * np.arange(1, round(DURATION_S / ticks[0]) + 1), 12)]
-    exactly, found = fine(accelerate, changes, delay_s, moments), []
+    exactly, differences = fine(accelerate, changes, delay_s, moments), []
     for dt_s in ticks:
         each = round(ticks[0] / dt_s)
         imus, steps_s = [Imu(rate_hz=1e5)] * bool(accelerate), np.full(each * len(moments), dt_s)
-        had = ours(made(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
-        found.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
-    worst = np.array(found)
-    moved = worst[0] > 1e-11  # else there is nothing but rounding
-    slopes = np.polyfit(np.log(ticks), np.log(worst[:, moved]), 1)[0]
+        had = simulated_outputs(make(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
+        differences.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
+    worst = np.array(differences)
+    is_moving = worst[0] > 1e-11  # else there is nothing but rounding
+    slopes = np.polyfit(np.log(ticks), np.log(worst[:, is_moving]), 1)[0]
     assert slopes.min() > 3.4
     assert np.all(worst[0, :6] < 1e-5)
 

@@ -121,14 +121,14 @@ def test_every_parameter_of_a_vehicle_can_be_derived(name):
     x = np.array([0.3, -0.2, 0.9, 0.8, -0.3, 1.1])
 
     def f(scale):
-        changed = vehicle
+        changed_vehicle = vehicle
         for k, path in enumerate(paths):
-            changed = put(changed, path, START[name][k] + scale[k])
-        return advanced(changed, effort)(x)
+            changed_vehicle = put(changed_vehicle, path, START[name][k] + scale[k])
+        return advanced(changed_vehicle, effort)(x)
 
-    found = jacobian(f)(np.zeros(len(paths)))
-    assert found == pytest.approx(differences(f, np.zeros(len(paths))), abs=1e-6, rel=1e-6)
-    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
+    slope = jacobian(f)(np.zeros(len(paths)))
+    assert slope == pytest.approx(differences(f, np.zeros(len(paths))), abs=1e-6, rel=1e-6)
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"
 
 
 def value(vehicle, path):
@@ -159,16 +159,16 @@ def test_every_parameter_of_a_drivetrain_can_be_derived():
     start = [value(d, path) for path in paths]
 
     def f(change):
-        changed = d
+        changed_drivetrain = d
         for path, a, b in zip(paths, start, change, strict=True):
-            changed = put(changed, path, a + b)
-        state, felt = changed.init(), []
+            changed_drivetrain = put(changed_drivetrain, path, a + b)
+        state, efforts = changed_drivetrain.init(), []
         for u in ([-0.7, 0.0, 0.6], [0.5, 0.0, 0.5], [0.2, 0.0, 0.6]):
-            state, effort = changed.step(state, np.array(u), 0.01)
-            felt += effort
-        return np.concatenate(felt)
+            state, effort = changed_drivetrain.step(state, np.array(u), 0.01)
+            efforts += effort
+        return np.concatenate(efforts)
 
     zero = np.zeros(len(paths))
-    found = jacobian(f)(zero)
-    assert found == pytest.approx(differences(f, zero, h=1e-6), abs=1e-6, rel=1e-6)
-    assert np.all(np.abs(found).max(axis=0) > 0.0), "each is felt"
+    slope = jacobian(f)(zero)
+    assert slope == pytest.approx(differences(f, zero, h=1e-6), abs=1e-6, rel=1e-6)
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"

@@ -16,11 +16,11 @@ commands = arrays(float, 3, elements=st.floats(-1.0, 1.0))
 
 
 def efforts(drivetrain, u, dt_s=0.01):
-    state, felt = drivetrain.init(), []
+    state, means = drivetrain.init(), []
     for row in u:
         state, effort = drivetrain.step(state, row, dt_s)
-        felt.append(effort.mean)
-    return np.array(felt)
+        means.append(effort.mean)
+    return np.array(means)
 
 
 @QUICK
@@ -96,17 +96,17 @@ def test_behind_a_regulator_the_battery_has_no_effect_and_half_behind_one_half_o
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_a_delay_of_whole_ticks_shifts_the_command(ticks):
     u = np.random.default_rng(1).normal(size=(20, 3))
-    felt = efforts(Drivetrain(delay_s=0.01 * ticks, delay_slots=3), u)
-    assert felt[ticks:] == pytest.approx(u[:-ticks], abs=1e-12)
-    assert felt[:ticks] == pytest.approx(np.zeros((ticks, 3)))
+    effort_means = efforts(Drivetrain(delay_s=0.01 * ticks, delay_slots=3), u)
+    assert effort_means[ticks:] == pytest.approx(u[:-ticks], abs=1e-12)
+    assert effort_means[:ticks] == pytest.approx(np.zeros((ticks, 3)))
 
 
 def test_a_delay_between_ticks_is_the_mean_of_the_held_command_over_the_tick():
     """13 ms late with ticks of 10 ms: 3 ms of the tick before the last, 7 ms of the last."""
-    felt = efforts(
+    effort_means = efforts(
         Drivetrain(delay_s=0.013, delay_slots=2), np.array([[1.0, 0, 0], [2.0, 0, 0], [5.0, 0, 0]])
     )
-    assert felt[:, 0] == pytest.approx([0.0, 0.7, 0.3 * 1.0 + 0.7 * 2.0])
+    assert effort_means[:, 0] == pytest.approx([0.0, 0.7, 0.3 * 1.0 + 0.7 * 2.0])
 
 
 def test_a_delay_loses_no_impulse():
@@ -207,10 +207,10 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("code", "figures", "made"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, made):
+@pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
+def test_what_cannot_be_is_refused(code, figures, make):
     with refused(code, ValueError, **figures):
-        made()
+        make()
 
 
 def test_a_lag_switches_itself_on():
@@ -238,8 +238,8 @@ def test_the_inverse_gives_the_command_of_an_effort(size, sign, coast, sag, batt
         battery_nominal_v=7.4,
     )
     effort = drivetrain.unmix(size * sign)
-    felt = drivetrain.static(drivetrain.mix(drivetrain.inverse(effort)))
-    np.testing.assert_allclose(drivetrain.unmix(felt), effort, atol=1e-9)
+    command = drivetrain.static(drivetrain.mix(drivetrain.inverse(effort)))
+    np.testing.assert_allclose(drivetrain.unmix(command), effort, atol=1e-9)
 
 
 def test_the_inverse_of_nothing_is_nothing_and_does_not_jump_there():

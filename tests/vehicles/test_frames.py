@@ -43,11 +43,11 @@ def test_j_is_a_rotation(psi):
 @QUICK
 @given(start=poses)
 def test_moving_and_turning_the_world_moves_and_turns_the_path(name, start):
-    here, felt_here = drive(VEHICLES[name], np.zeros(3))
-    there, felt_there = drive(VEHICLES[name], start)
-    expected = compose(start, here.eta)
-    assert there.eta[:2] == pytest.approx(expected[:2], abs=1e-9)
-    assert wrap(there.eta[2] - expected[2]) == pytest.approx(0.0, abs=1e-9)
+    drive_at_zero, felt_here = drive(VEHICLES[name], np.zeros(3))
+    drive_at_start, felt_there = drive(VEHICLES[name], start)
+    expected = compose(start, drive_at_zero.eta)
+    assert drive_at_start.eta[:2] == pytest.approx(expected[:2], abs=1e-9)
+    assert wrap(drive_at_start.eta[2] - expected[2]) == pytest.approx(0.0, abs=1e-9)
     assert felt_there.nu == pytest.approx(felt_here.nu, abs=1e-9)
     assert felt_there.nu_dot == pytest.approx(felt_here.nu_dot, abs=1e-9)
 
@@ -58,18 +58,18 @@ def test_turning_a_slope_with_the_vehicle_changes_nothing_it_feels(turn):
     def on(heading):
         return Planar(2.0, 0.5, T, friction=FRICTION, slope_rad=0.1, slope_heading_rad=heading)
 
-    _, here = drive(on(0.5), np.zeros(3))
-    _, there = drive(on(0.5 + turn), np.array([1.0, -2.0, turn]))
-    assert there.nu == pytest.approx(here.nu, abs=1e-9)
-    assert there.gravity == pytest.approx(here.gravity, abs=1e-9)
+    _, flat = drive(on(0.5), np.zeros(3))
+    _, turned_motion = drive(on(0.5 + turn), np.array([1.0, -2.0, turn]))
+    assert turned_motion.nu == pytest.approx(flat.nu, abs=1e-9)
+    assert turned_motion.gravity == pytest.approx(flat.gravity, abs=1e-9)
 
 
 @names
 @pytest.mark.parametrize("turns", [-2, 1])
 def test_full_turns_change_nothing(name, turns):
-    here, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3]))
-    there, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3 + 2.0 * np.pi * turns]))
-    assert there.eta == pytest.approx(here.eta, abs=1e-9)
+    drive_at_zero, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3]))
+    turned_motion, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3 + 2.0 * np.pi * turns]))
+    assert turned_motion.eta == pytest.approx(drive_at_zero.eta, abs=1e-9)
 
 
 @names

@@ -42,10 +42,12 @@ def test_a_speed_fades_by_viscous_and_dry_friction_over_the_mass():
     vehicle = Planar(0.5, 0.002, np.eye(3), friction=friction)
     assert rates(vehicle) == pytest.approx([(3.0 + 0.2 / 0.05) / 0.5, 8.0, 5.0], rel=1e-6)
     fields = [path for path, _ in all_parameters(vehicle, "model")]
-    found = dict(slopes(vehicle, fields))
-    assert found["model.friction.linear[1]"] == pytest.approx([0.0, 2.0, 0.0])
-    assert found["model.friction.coulomb[0]"] == pytest.approx([1.0 / 0.5 / 0.05, 0.0, 0.0])
-    assert not {"model.mass_kg", "model.friction.quadratic[0]", "model.actuator_matrix[0,0]"} & set(found)
+    slope_by_path = dict(slopes(vehicle, fields))
+    assert slope_by_path["model.friction.linear[1]"] == pytest.approx([0.0, 2.0, 0.0])
+    assert slope_by_path["model.friction.coulomb[0]"] == pytest.approx([1.0 / 0.5 / 0.05, 0.0, 0.0])
+    assert not {"model.mass_kg", "model.friction.quadratic[0]", "model.actuator_matrix[0,0]"} & set(
+        slope_by_path
+    )
 
 
 def test_the_lag_of_a_car_counts_as_what_makes_its_turning_fade():

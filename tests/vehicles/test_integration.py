@@ -79,13 +79,13 @@ def test_the_noise_of_a_tick_is_kicked_into_the_velocity_once(name, dt_s):
     std, noise = np.array([0.3, 0.2, 0.1]), np.array([1.0, -2.0, 0.5])
     noisy = dataclasses.replace(vehicle, process_noise_std=std)
     quiet, _ = vehicle.step(vehicle.init(), effort, dt_s, noise)
-    shaken, motion = noisy.step(noisy.init(), effort, dt_s, noise)
+    noisy_state, motion = noisy.step(noisy.init(), effort, dt_s, noise)
     kick = std * noise * (1.0 if name == "kinematic" else np.sqrt(dt_s))
     if name == "car":
         kick[1] = 0.0  # the rear axle does not slip
-    assert shaken.nu - quiet.nu == pytest.approx(kick)
-    assert np.array_equal(motion.nu, shaken.nu)
-    assert np.array_equal(motion.nu_dot, shaken.nu_dot)
+    assert noisy_state.nu - quiet.nu == pytest.approx(kick)
+    assert np.array_equal(motion.nu, noisy_state.nu)
+    assert np.array_equal(motion.nu_dot, noisy_state.nu_dot)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -139,7 +139,7 @@ def test_the_shortest_lag_of_a_car_survives_the_longest_row_and_settles():
     """At 50 Hz a row may last 25 ms; with 7 ms of lag the yaw rate runs away there."""
     low = next(f.metadata["parameter"].low for f in dataclasses.fields(Car) if f.name == "yaw_lag_s")
     car = Car(wheelbase_m=0.3, throttle_gain=4.0, steering_gain=0.3, linear_drag=2.0, yaw_lag_s=low)
-    turned = end(car, np.array([0.8, 0.9]), 320, duration_s=8.0)[5]
-    assert turned == pytest.approx(end(car, np.array([0.8, 0.9]), 8000, duration_s=8.0)[5], rel=1e-6)
+    turn_rate = end(car, np.array([0.8, 0.9]), 320, duration_s=8.0)[5]
+    assert turn_rate == pytest.approx(end(car, np.array([0.8, 0.9]), 8000, duration_s=8.0)[5], rel=1e-6)
     with refused("field.range", ValueError, found="0.0072"):
         dataclasses.replace(car, yaw_lag_s=0.0072)

@@ -25,8 +25,8 @@ def test_the_model_is_equ_movement_equation(nu, u):
     M = np.diag([M_KG, M_KG, I])
     C = M_KG * np.array([[0.0, 0.0, -nu[1]], [0.0, 0.0, nu[0]], [nu[1], -nu[0], 0.0]])
     D = np.diag(DL + DC * np.abs(nu))
-    left = M @ CASE_I.nu_dot(nu, 20.0 * u) + C @ nu + D @ nu
-    assert left == pytest.approx(T @ (20.0 * u), rel=1e-9, abs=1e-8)
+    forces = M @ CASE_I.nu_dot(nu, 20.0 * u) + C @ nu + D @ nu
+    assert forces == pytest.approx(T @ (20.0 * u), rel=1e-9, abs=1e-8)
 
 
 @QUICK
@@ -47,7 +47,7 @@ def test_phi_without_its_impossible_row_is_the_models_rate(nu, u):
 def test_the_papers_g_holds_but_for_its_last_row(speed, sign):
     """∂ν̇/∂ν as the paper's G_t, with dissipative friction and a third row without ±mν/I (errata 1, 2)."""
     nu, h = speed * sign, 1e-6
-    found = np.stack(
+    response = np.stack(
         [
             (CASE_I.nu_dot(nu + h * e, np.zeros(3)) - CASE_I.nu_dot(nu - h * e, np.zeros(3))) / (2 * h)
             for e in np.eye(3)
@@ -57,7 +57,7 @@ def test_the_papers_g_holds_but_for_its_last_row(speed, sign):
     G = np.diag(-(DL + 2.0 * DC * np.abs(nu)) / np.array([M_KG, M_KG, I]))
     G[0, 1], G[0, 2] = nu[2], nu[1]
     G[1, 0], G[1, 2] = -nu[2], -nu[0]
-    assert found == pytest.approx(G, abs=1e-6)
+    assert response == pytest.approx(G, abs=1e-6)
 
 
 def test_case_study_one_settles_where_its_numbers_say():

@@ -32,12 +32,12 @@ class Chromium:
             [str(CHROMIUM), *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        written = Path(self._folder.name, "DevToolsActivePort")
+        port_file = Path(self._folder.name, "DevToolsActivePort")
         until = time.monotonic() + 60.0
-        while not (written.exists() and written.read_text().count("\n")):
+        while not (port_file.exists() and port_file.read_text().count("\n")):
             assert time.monotonic() < until, "Chromium did not start"
             time.sleep(0.05)
-        self.port = int(written.read_text().splitlines()[0])
+        self.port = int(port_file.read_text().splitlines()[0])
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -57,7 +57,7 @@ class Tab:
     def __init__(self, url: str) -> None:
         self._open = ExitStack()
         self._socket = self._open.enter_context(connect(url, max_size=None))
-        self._asked = 0
+        self._request_id = 0
         self.errors: list[str] = []
         for domain in ("Page", "Runtime", "Log"):
             self.do(f"{domain}.enable")
@@ -67,11 +67,11 @@ class Tab:
         self._open.close()
 
     def do(self, method: str, **parameters: object) -> Any:
-        self._asked += 1
-        self._socket.send(json.dumps({"id": self._asked, "method": method, "params": parameters}))
+        self._request_id += 1
+        self._socket.send(json.dumps({"id": self._request_id, "method": method, "params": parameters}))
         while True:
             word = json.loads(self._socket.recv(60))
-            if word.get("id") == self._asked:
+            if word.get("id") == self._request_id:
                 assert "error" not in word, f"{method}: {word['error']}"
                 return word["result"]
             if word.get("method") == "Runtime.exceptionThrown":
@@ -96,8 +96,8 @@ class Tab:
 
     def media(self, **features: str) -> None:
         """Emulate media features, as `prefers_color_scheme="dark"`."""
-        wanted = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
-        self.do("Emulation.setEmulatedMedia", features=wanted)
+        media = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        self.do("Emulation.setEmulatedMedia", features=media)
 
     def js(self, code: str) -> Any:
         done = self.do("Runtime.evaluate", expression=code, awaitPromise=True, returnByValue=True)

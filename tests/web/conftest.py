@@ -3,30 +3,30 @@
 import pytest
 
 from tests.web.chromium import SIZES, Chromium
-from tests.web.scripted import Scripted
+from tests.web.scripted import ScriptedServer
 
 
 @pytest.fixture(scope="module")
 def browser():
-    with Chromium() as made:
-        yield made
+    with Chromium() as chromium_:
+        yield chromium_
 
 
 @pytest.fixture
 def tab(browser):
-    made = browser.tab()
-    made.size(*SIZES["laptop"])
-    yield made
-    made.close()
+    new_tab = browser.tab()
+    new_tab.size(*SIZES["laptop"])
+    yield new_tab
+    new_tab.close()
 
 
 @pytest.fixture
 def live():
-    with Scripted("live") as server:
+    with ScriptedServer("live") as server:
         yield server
 
 
 @pytest.fixture
 def replay():
-    with Scripted("replay") as server:
+    with ScriptedServer("replay") as server:
         yield server

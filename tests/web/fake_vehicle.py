@@ -25,20 +25,20 @@ class FakeLink:
     """A service that writes down what it is told, and says what the test wants."""
 
     def __init__(self):
-        self.heard, self.gone = [], False
+        self.messages, self.gone = [], False
         self.on_word = lambda word: None
 
     def say(self, do, **words):
         if self.gone:
             raise RobotUnreachable(note("web.service-gone", Severity.ERROR))
-        self.heard.append({"do": do} | words)
+        self.messages.append({"do": do} | words)
 
     async def hear(self, on_word):
         self.on_word = on_word
         await asyncio.Event().wait()
 
-    def told(self, *kinds):
-        return [word for word in self.heard if word["do"] in kinds]
+    def requests(self, *kinds):
+        return [word for word in self.messages if word["do"] in kinds]
 
     def frame(self, t, rows=1, **values):
         row = {"t": t} | values
@@ -50,12 +50,12 @@ class FakeLink:
 
 
 @asynccontextmanager
-async def live_page(tmp_path, **how):
+async def live_page(tmp_path, **options):
     """Serve a fake vehicle."""
     link, lab, shelf = FakeLink(), Lab(), Shelf(tmp_path)
     live = Live(link, lambda: server.visitors)
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    server = Server(page.receive, page.left, shelf.body, **how)
+    server = Server(page.receive, page.left, shelf.body, **options)
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
     server.foxglove = live.foxglove
     live.begin()

@@ -50,13 +50,13 @@ def folder_of(path: Path, **runs: Run) -> Path:
 
 
 @asynccontextmanager
-async def recorded_page(folder: Path, *opened: str, **how: Any) -> AsyncIterator[Server]:
+async def recorded_page(folder: Path, *runs_open: str, **options: Any) -> AsyncIterator[Server]:
     """Serve the runs of a folder."""
     lab = Lab()
-    paths = tuple((folder / f"{name}.mcap").resolve() for name in opened)
+    paths = tuple((folder / f"{name}.mcap").resolve() for name in runs_open)
     shelf = Shelf(folder, paths)
     page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-    server = Server(page.receive, page.left, shelf.body, **how)
+    server = Server(page.receive, page.left, shelf.body, **options)
     try:
         async with server:
             yield server
@@ -72,7 +72,7 @@ class Browser:
     def __init__(self, line: ClientConnection) -> None:
         self.line, self.frames = line, []
         self.hello: dict[str, Any] = {}
-        self.asked = 0
+        self.question_id = 0
 
     async def say(self, word: str, **more: Any) -> None:
         """Send a word."""
@@ -80,9 +80,9 @@ class Browser:
 
     async def ask(self, what: str, **more: Any) -> dict[str, Any]:
         """Ask, and return the answer."""
-        self.asked += 1
-        await self.say("ask", id=self.asked, what=what, **more)
-        return await self.next("answer", where=lambda word, asked=self.asked: word.get("id") == asked)
+        self.question_id += 1
+        await self.say("ask", id=self.question_id, what=what, **more)
+        return await self.next("answer", where=lambda word, number=self.question_id: word.get("id") == number)
 
     async def next(
         self, *kinds: str, where: Callable[[dict[str, Any]], bool] = lambda word: True
@@ -99,12 +99,12 @@ class Browser:
 
     def rows(self, stream: int, columns: int) -> np.ndarray:
         """Return the rows (N, F) of a stream that came so far."""
-        found = [np.zeros((0, columns), "f4")]
+        tables = [np.zeros((0, columns), "f4")]
         for frame in self.frames:
             number, count, _ = struct.unpack("<IId", frame[:16])
             if number >> 24 == stream:
-                found.append(np.frombuffer(frame, "<f4", offset=16).reshape(count, columns))
-        return np.concatenate(found)
+                tables.append(np.frombuffer(frame, "<f4", offset=16).reshape(count, columns))
+        return np.concatenate(tables)
 
 
 def address(server: Server) -> str:
@@ -113,11 +113,11 @@ def address(server: Server) -> str:
 
 
 @asynccontextmanager
-async def line_to(server: Server, **how: Any) -> AsyncIterator[ClientConnection]:
+async def line_to(server: Server, **options: Any) -> AsyncIterator[ClientConnection]:
     """Connect as a page of the server does."""
     host = address(server)
-    given = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | how
-    async with connect(f"ws://{host}/ws", **given) as line:
+    arguments = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | options
+    async with connect(f"ws://{host}/ws", **arguments) as line:
         yield line
 
 
@@ -125,10 +125,10 @@ async def line_to(server: Server, **how: Any) -> AsyncIterator[ClientConnection]
 async def browser(server: Server, lang: str = "en", **hello: Any) -> AsyncIterator[Browser]:
     """Open a page and say hello."""
     async with line_to(server) as line:
-        one = Browser(line)
-        await one.say("hello", lang=lang, **hello)
-        one.hello = await one.next("hello")
-        yield one
+        visitor = Browser(line)
+        await visitor.say("hello", lang=lang, **hello)
+        visitor.hello = await visitor.next("hello")
+        yield visitor
 
 
 async def request(

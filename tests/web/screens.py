@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.web.chromium import SIZES, Chromium, Tab
-from tests.web.scripted import Scripted
+from tests.web.scripted import ScriptedServer
 
 LIVE = ("drive", "identify", "replay", "tune", "runs", "blocks", "faults")
 RECORDED = ("identify", "replay", "tune", "runs", "blocks")
@@ -22,7 +22,7 @@ REST_S = 0.25  # a canvas takes its new size in one picture, and the map glides 
 DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 
 
-def opened(tab: Tab, server: Scripted, language: str = "en", screen: str = "") -> Tab:
+def open_page(tab: Tab, server: ScriptedServer, language: str = "en", screen: str = "") -> Tab:
     tab.goto(f"{server.url}?lang={language}")
     tab.wait(READY)
     if server.mode == "replay":
@@ -36,18 +36,18 @@ def opened(tab: Tab, server: Scripted, language: str = "en", screen: str = "") -
 
 def until(true: Callable[[], Any], seconds: float = 10.0) -> Any:
     end = time.monotonic() + seconds
-    while not (found := true()):
+    while not (result := true()):
         assert time.monotonic() < end, "still not true"
         time.sleep(0.02)
-    return found
+    return result
 
 
 def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[str, Tab]]:
     """Yield the tab at each screen of this kind of page, with all that it asks for answered."""
-    with Scripted("live" if kind == "live" else "replay", ghost=kind == "ghost") as server:
+    with ScriptedServer("live" if kind == "live" else "replay", ghost=kind == "ghost") as server:
         tab = browser.tab()
         tab.size(*SIZES["laptop"])
-        opened(tab, server, language)
+        open_page(tab, server, language)
         if kind == "ghost":
             tab.wait(f"Boolean({PAGE}.ghost)")
         if kind != "live":

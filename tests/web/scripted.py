@@ -14,9 +14,9 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from tests.web.scripted_answers import GAINS, RUNS, answered, route
+from tests.web.scripted_answers import GAINS, RUNS, answer_to, route
 from tests.web.scripted_ledger import Faults, ledger
-from tests.web.taught import taught
+from tests.web.taught import fit_taught
 
 STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
 KINDS = {
@@ -93,13 +93,13 @@ SENTENCES = {
 
 
 def fields() -> list[dict[str, str]]:
-    made = [{"name": name, "unit": "", "group": name, "label": name} for name in PLAIN]
-    made += [
-        {"name": f"{kind}.{k}", "unit": "duty", "group": one["name"], "label": one["name"]}
+    columns = [{"name": name, "unit": "", "group": name, "label": name} for name in PLAIN]
+    columns += [
+        {"name": f"{kind}.{k}", "unit": "duty", "group": entry["name"], "label": entry["name"]}
         for kind in ("u", "asked")
-        for k, one in enumerate(COMMAND)
+        for k, entry in enumerate(COMMAND)
     ]
-    return made + [
+    return columns + [
         {"name": f"{kind}.{name}", "unit": unit, "group": name, "label": label}
         for kind in ("z", "model", "innov", "S")
         for name, (label, unit) in CHANNELS.items()
@@ -144,7 +144,7 @@ def row(tick: int, off: float = 0.02) -> list[float]:
     return (
         plain
         + u
-        + [one * 1.05 for one in u]
+        + [value * 1.05 for value in u]
         + [m + v for m, v in zip(model, innovation, strict=True)]
         + model
         + innovation
@@ -152,29 +152,29 @@ def row(tick: int, off: float = 0.02) -> list[float]:
     )
 
 
-def packed(number: int, first: int, count: int, off: float = 0.02) -> bytes:
+def packed_rows(number: int, first: int, count: int, off: float = 0.02) -> bytes:
     rows = [row(tick, off) for tick in range(first, first + count)]
-    flat = [value for one in rows for value in one]
+    flat = [value for row in rows for value in row]
     return struct.pack("<IId", number, count, first / RATE) + struct.pack(f"<{len(flat)}f", *flat)
 
 
-class Scripted:
-    """`with Scripted("live") as server:`, then server.url, server.said, server.put(word)."""
+class ScriptedServer:
+    """`with ScriptedServer("live") as server:`, then server.url, server.messages, server.put(word)."""
 
     def __init__(
         self, mode: str, *, ghost: bool = False, world: str = "simulated", name: str = "small"
     ) -> None:
         self.mode, self.ghost, self.world, self.name = mode, ghost, world, name
-        self.said: list[tuple[float, dict[str, Any]]] = []
+        self.messages: list[tuple[float, dict[str, Any]]] = []
         self.guests: list[tuple[ServerConnection, str]] = []
         self.holder: ServerConnection | None = None
         self.state, self.kind = "MISSION", "repeat"
-        self.gains = {f"controller.{one['name']}": one["file"] for one in GAINS}
+        self.gains = {f"controller.{gain['name']}": gain["file"] for gain in GAINS}
         self.tick, self.running, self.frozen = 6000, True, False
         self.paused, self.pace, self.shared = False, 1.0, False
         self.faults = Faults()
 
-    def __enter__(self) -> "Scripted":
+    def __enter__(self) -> "ScriptedServer":
         self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.1"])  # pyright: ignore
         self.port = self._server.socket.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}/"
@@ -187,7 +187,7 @@ class Scripted:
         self._server.shutdown()
 
     def words(self, kind: str) -> list[dict[str, Any]]:
-        return [word for _, word in list(self.said) if word["is"] == kind]
+        return [word for _, word in list(self.messages) if word["is"] == kind]
 
     def drop(self) -> None:
         """Cut every connection."""
@@ -258,18 +258,18 @@ class Scripted:
         if self.mode == "live":
             if self.world == "simulated":
                 guest.send(json.dumps(ledger(language)))
-            guest.send(packed(0, self.tick - 2000, 2000))
+            guest.send(packed_rows(0, self.tick - 2000, 2000))
         self.guests.append((guest, language))
         self._lease()
         try:
             for text in guest:
                 self._word(guest, json.loads(text))
         finally:
-            self.guests = [one for one in self.guests if one[0] is not guest]
+            self.guests = [entry for entry in self.guests if entry[0] is not guest]
             self.holder = None if self.holder is guest else self.holder
 
     def _word(self, guest: ServerConnection, word: dict[str, Any]) -> None:
-        self.said.append((time.monotonic(), word))
+        self.messages.append((time.monotonic(), word))
         if word["is"] == "take":
             self.holder = guest
             self._lease()
@@ -283,10 +283,10 @@ class Scripted:
         elif word["is"] == "open":
             self._open(guest, word["run"], word.get("ghost"), word.get("filter"))
         elif word["is"] == "identify" and word["on"]:
-            guest.send(json.dumps(taught(self._language(guest), live=True)))
+            guest.send(json.dumps(fit_taught(self._language(guest), live=True)))
         elif word["is"] == "ask":
-            asks = word["what"] == "identify"
-            more = taught(self._language(guest), live=False) if asks else answered(word)
+            fitting = word["what"] == "identify"
+            more = fit_taught(self._language(guest), live=False) if fitting else answer_to(word)
             guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]} | more))
         elif word["is"] in ("pause", "go"):
             self.paused = word["is"] == "pause" or "ticks" in word
@@ -298,11 +298,13 @@ class Scripted:
             self.put(self.faults.take(word, self.tick / RATE, self._language(guest)))
         elif word["is"] == "set":
             self.gains[word["path"]] = word["value"]
-            for one, _ in list(self.guests):
-                one.send(json.dumps({"is": "blocks", "blocks": BLOCKS, "gains": self.gains, "swapped": {}}))
+            for visitor, _ in list(self.guests):
+                visitor.send(
+                    json.dumps({"is": "blocks", "blocks": BLOCKS, "gains": self.gains, "swapped": {}})
+                )
 
     def _language(self, guest: ServerConnection) -> str:
-        return next((language for one, language in self.guests if one is guest), "en")
+        return next((language for visitor, language in self.guests if visitor is guest), "en")
 
     def _lease(self) -> None:
         for guest, _ in list(self.guests):
@@ -320,7 +322,7 @@ class Scripted:
 
     def _open(self, guest: ServerConnection, run: str, ghost: str | None, through: str | None) -> None:
         for stream, key, off in ((1, run, 0.02), (2, run if through else ghost, 0.08)):
-            about = next((one for one in RUNS if one["id"] == key), None)
+            about = next((run for run in RUNS if run["id"] == key), None)
             if about is None:
                 continue
             events = [
@@ -343,7 +345,7 @@ class Scripted:
             }
             guest.send(json.dumps(head | {"done": False}))
             for first in (0, 4096):
-                guest.send(packed(stream << 24 | 1, first, min(4096, 4160 - first), off))
+                guest.send(packed_rows(stream << 24 | 1, first, min(4096, 4160 - first), off))
             guest.send(
                 json.dumps({"is": "answer", "to": "open", "stream": stream, "done": True, "seconds": 41.6})
             )
@@ -356,7 +358,7 @@ class Scripted:
                 continue
             number += 1
             moves = self.state in ("MISSION", "MANUAL")
-            frame = packed(number, self.tick, 5 if moves else 0)
+            frame = packed_rows(number, self.tick, 5 if moves else 0)
             self.tick += 5 if moves else 0
             for guest, _ in list(self.guests):
                 try:

@@ -52,7 +52,7 @@ def route() -> dict[str, Any]:
     }
 
 
-def answered(word: dict[str, Any]) -> dict[str, Any]:
+def answer_to(word: dict[str, Any]) -> dict[str, Any]:
     """Return what a worker would say to a question, on paper."""
     if word["what"] == "tune":
         about = {
@@ -72,7 +72,7 @@ def answered(word: dict[str, Any]) -> dict[str, Any]:
     if word["what"] == "lap":
         return lap_of(word["gains"])
     if word["what"] == "landscape":
-        k = [one["name"] for one in GAINS]
+        k = [gain["name"] for gain in GAINS]
         side, a, b = word["side"], k.index(word["a"]), k.index(word["b"])
         costs = []
         for j in range(side):
@@ -84,12 +84,12 @@ def answered(word: dict[str, Any]) -> dict[str, Any]:
                 costs.append([lap["cost"], lap["jerk"]])
         return {"side": side, "costs": costs, "seconds": 0.4}
     if word["what"] == "downhill":
-        best = [one["best"] for one in GAINS]
+        best = [gain["best"] for gain in GAINS]
         way = [
             [g + part * (w - g) for g, w in zip(word["gains"], best, strict=True)]
             for part in (0, 0.4, 0.8, 1)
         ]
-        places = [[math.log1p(g / one["high"] * math.expm1(7)) / 7 for g, one in zip(gains, GAINS, strict=True)]
+        places = [[math.log1p(g / gain["high"] * math.expm1(7)) / 7 for g, gain in zip(gains, GAINS, strict=True)]
                   for gains in way]  # fmt: skip
         costs = [lap_of(gains)["cost"] for gains in way]
         return {
@@ -107,7 +107,7 @@ def answered(word: dict[str, Any]) -> dict[str, Any]:
     if word["what"] == "compare":
         cells = [f"{0.01 * (k + 1):.3f}" for k in range(len(word["runs"]))]
         rows = [{"label": "distance, rms", "unit": "m", "cells": cells, "best": 0}]
-        names = [one["name"] for one in RUNS if one["id"] in word["runs"]]
+        names = [run["name"] for run in RUNS if run["id"] in word["runs"]]
         sections = [{"title": "vehicle across its reference, true", "rows": rows * 3}]
         return {"names": names, "sections": sections, "reasons": []}
     return {}
@@ -134,7 +134,7 @@ def block_of(room: str) -> dict[str, Any]:
 
 def lap_of(gains: list[float]) -> dict[str, Any]:
     """Return a lap that is the farther from its circle the farther the gains are from their best."""
-    off = sum(math.log((g + 0.1) / (one["best"] + 0.1)) ** 2 for g, one in zip(gains, GAINS, strict=True))
+    off = sum(math.log((g + 0.1) / (gain["best"] + 0.1)) ** 2 for g, gain in zip(gains, GAINS, strict=True))
     far = 0.01 + 0.02 * off
     angles = [math.tau * k / 300 for k in range(300)]
     return {

@@ -35,10 +35,10 @@ def ledger(language: str) -> dict[str, Any]:
           "imu[2].")),
     ]  # fmt: skip
     return {"is": "ledger", "rows": [
-        {"number": n, "t_s": t_s, "until_s": until_s, "over": until_s is not None, "fault": of, "what": what[k],
-         "noticed": [{"who": who, "after_s": after_s, "text": text[k]} for who, after_s, text in noticed],
+        {"number": n, "t_s": t_s, "until_s": until_s, "over": until_s is not None, "fault": of, "what": subject[k],
+         "noticed": [{"who": observer, "after_s": after_s, "text": text[k]} for observer, after_s, text in noticed],
          "silent": ["monitor", "supervisor"], "nobody": nobody and nobody[k]}
-        for n, (t_s, until_s, of, what, noticed, nobody) in enumerate(rows, 1)
+        for n, (t_s, until_s, of, subject, noticed, nobody) in enumerate(rows, 1)
     ]}  # fmt: skip
 
 
@@ -56,9 +56,9 @@ class Faults:
             fields = {name: value for name, value in word.items() if name not in ("is", "robot")}
             fault, number = Fault.of_words(fields | {"at_s": t_s}), len(self.rows) + 1
             with within(language):
-                what = text(fault.message(number))
+                subject = text(fault.message(number))
             self.rows.append({
                 "number": number, "t_s": t_s, "until_s": None, "over": fault.kind == "push", "fault": fault.to_json(),
-                "what": what, "noticed": [], "silent": [], "nobody": None,
+                "what": subject, "noticed": [], "silent": [], "nobody": None,
             })  # fmt: skip
         return {"is": "ledger", "rows": self.rows}

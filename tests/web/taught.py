@@ -36,14 +36,14 @@ KNOWN = [  # path, label in both languages, value, unit
 ]
 
 
-def taught(language: str, live: bool) -> dict[str, Any]:
+def fit_taught(language: str, live: bool) -> dict[str, Any]:
     """Return what a drive of 26 s has taught: one parameter is poorly known, one not seen."""
     k = 0 if language == "en" else 1
     needs = ("missing: sliding sideways both a little and fast, as in turns of many speeds",
              "falta: deslizarse de costado un poco y rápido, como en giros a muchas velocidades")  # fmt: skip
     now = [min(0.9, 10 ** (-0.35 - 0.27 * j)) for j in range(len(KNOWN))]
     fit = {
-        "t": 24.0, "took_s": 0.31, "value": [None, *(one[2] for one in KNOWN[1:])],
+        "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in KNOWN[1:])],
         "sd": [None, *(1.7 * sd for sd in now[1:])], "verdict": "USABLE", "verdict_is": "USABLE",
         "why": None,
     }  # fmt: skip
@@ -62,5 +62,5 @@ def taught(language: str, live: bool) -> dict[str, Any]:
     }  # fmt: skip
     if live:
         return {"is": "identify"} | word
-    grown = [[min(1.0, sd * (41.6 / (0.4 * (j + 1))) ** 0.5) for sd in now] for j in range(104)]
-    return word | {"expected": grown, "step_s": 0.4, "fits": [fit | {"t": 8.0}, fit]}
+    deviations = [[min(1.0, sd * (41.6 / (0.4 * (j + 1))) ** 0.5) for sd in now] for j in range(104)]
+    return word | {"expected": deviations, "step_s": 0.4, "fits": [fit | {"t": 8.0}, fit]}

@@ -24,27 +24,27 @@ def folder(tmp_path_factory):
 def test_ne5_words_are_bounded_in_size_and_rate(folder):
     async def job():
         async with recorded_page(folder, "circle") as server:
-            for what, code in (
+            for frame, code in (
                 (" " * 17000, 1009),
                 (b"binary", 1003),
                 ("[1]", 1008),
                 ('{"is": 3}', 1008),
                 ("{", 1008),
             ):
-                async with browser(server) as one:
-                    await one.line.send(what)
+                async with browser(server) as visitor:
+                    await visitor.line.send(frame)
                     with pytest.raises(ConnectionClosed):
-                        await one.next("never")
-                    assert one.line.close_code == code, what
-            async with browser(server) as one:
+                        await visitor.next("never")
+                    assert visitor.line.close_code == code, frame
+            async with browser(server) as visitor:
                 for _ in range(300):
                     try:
-                        await one.say("ask", id=1, what="ping")
+                        await visitor.say("ask", id=1, what="ping")
                     except ConnectionClosed:
                         break
                 with pytest.raises(ConnectionClosed):
-                    await one.next("never")
-                assert one.line.close_code == 1008
+                    await visitor.next("never")
+                assert visitor.line.close_code == 1008
 
     run_page(job)
 
@@ -67,8 +67,8 @@ def test_ne5_thirty_two_browsers_are_let_in_and_the_next_is_not(folder):
             await lines[0].close()
             while len(server.visitors) == serving.VISITORS:
                 await asyncio.sleep(0.01)
-            async with browser(server) as one:
-                assert one.hello["role"] == "drive"
+            async with browser(server) as visitor:
+                assert visitor.hello["role"] == "drive"
 
     run_page(job)
 
@@ -109,20 +109,20 @@ def test_ne5_a_long_head_is_refused(folder):
 
 def test_a_browser_that_does_not_read_is_given_one_picture_and_let_go_when_words_pile_up(folder):
     async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
+        async with recorded_page(folder, "circle") as server, browser(server) as guest:
             (visitor,) = server.visitors
-            one.line.transport.pause_reading()
-            picture, begun = bytes(200_000), time.monotonic()
+            guest.line.transport.pause_reading()
+            picture, start_s = bytes(200_000), time.monotonic()
             for _ in range(400):
                 visitor.show(picture)
                 await asyncio.sleep(0)
-            assert time.monotonic() - begun < WAIT_S
+            assert time.monotonic() - start_s < WAIT_S
             assert visitor._writer.transport.get_write_buffer_size() <= len(picture) + 100
             for _ in range(70):
                 visitor.say({"is": "event", "text": "x" * 1000})
             while server.visitors:
                 await asyncio.sleep(0.01)
-            one.line.transport.abort()
+            guest.line.transport.abort()
 
     run_page(job)
 
@@ -141,12 +141,12 @@ def test_ne5_those_who_do_not_read_the_last_minute_share_one(tmp_path):
                     await line.send('{"is": "hello", "lang": "en"}')
                 await until(lambda: len(live._all()) == 12)
                 await asyncio.sleep(0.3)
-                held = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
-                assert max(held) <= FRAGMENT + 100
-                async with browser(server) as one:
+                buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
+                assert max(buffers) <= FRAGMENT + 100
+                async with browser(server) as visitor:
                     link.frame(60.0, 5)  # while the last minute goes
-                    await until_frames(one, 2)
-                    assert {HEAD.unpack(frame[:16])[1] for frame in one.frames} == {60 * 400, 5}
-                    assert max(map(len, one.frames)) == whole
+                    await until_frames(visitor, 2)
+                    assert {HEAD.unpack(frame[:16])[1] for frame in visitor.frames} == {60 * 400, 5}
+                    assert max(map(len, visitor.frames)) == whole
 
     run_page(job)

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import LIVE, PAGE, RECORDED, opened
+from tests.web.screens import LIVE, PAGE, RECORDED, open_page
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -22,8 +22,10 @@ def walked(tab, screen: str) -> dict[str, list[str]]:
     tab.js("globalThis.seen = { reached: new Set(), unseen: [] }; document.activeElement.blur()")
     for _ in range(tab.js(f"{WANTED}.length") + 4):
         tab.press("Tab", "Tab")
-    left = f"{WANTED}.filter((node) => !seen.reached.has(node)).map((node) => node.outerHTML.slice(0, 120))"
-    return {"not reached": tab.js(left), "no focus seen": tab.js("seen.unseen")}
+    unreached_nodes = (
+        f"{WANTED}.filter((node) => !seen.reached.has(node)).map((node) => node.outerHTML.slice(0, 120))"
+    )
+    return {"not reached": tab.js(unreached_nodes), "no focus seen": tab.js("seen.unseen")}
 
 
 def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
@@ -37,26 +39,26 @@ def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
         tab.wait(f"document.body.dataset.screen === {screen!r}")
         if screen == "tune":
             tab.wait(f"Boolean({PAGE}.screens.tune.lap)")
-        if any((found := walked(tab, screen)).values()):
-            wrong[screen] = found
+        if any((problems := walked(tab, screen)).values()):
+            wrong[screen] = problems
     return wrong
 
 
 def test_all_of_a_drive_is_reached_by_tab_and_the_focus_is_seen(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")
     assert not by_keys(tab, LIVE)
 
 
 def test_all_of_a_run_is_reached_by_tab_and_the_focus_is_seen(tab, replay):
-    opened(tab, replay)
+    open_page(tab, replay)
     assert not by_keys(tab, RECORDED)
 
 
 def test_with_reduced_motion_the_map_does_not_glide(tab, live):
     tab.media(prefers_reduced_motion="reduce")
-    opened(tab, live)
+    open_page(tab, live)
     tab.js(f"{PAGE}.screen.map.zoom(3)")
     tab.press("0", "Digit0", "0")
     tab.js(f"{PAGE}.screen.draw(performance.now())")
@@ -68,7 +70,7 @@ def test_with_reduced_motion_the_map_does_not_glide(tab, live):
 @pytest.mark.parametrize("motion", ["reduce", "no-preference"])
 def test_a_lap_of_tune_moves_only_where_motion_is_wanted(tab, live, motion):
     tab.media(prefers_reduced_motion=motion)
-    opened(tab, live, screen="tune")
+    open_page(tab, live, screen="tune")
     tab.wait(f"Boolean({PAGE}.screens.tune.lap)")
     places = tab.js(
         f"(() => {{ const {{ tune }} = {PAGE}.screens, places = [], draw = tune.map.draw.bind(tune.map);"

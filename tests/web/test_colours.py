@@ -48,9 +48,9 @@ DASHED = {  # of two lines at least one is dashed: the file, and how it writes t
 def palette(theme: str) -> dict[str, str]:
     style = (STATIC / "page.css").read_text(encoding="utf-8")
     pattern = r":root \{(.*?)\}" if theme == "light" else r':root\[data-theme="dark"\] \{(.*?)\}'
-    found = re.search(pattern, style, re.DOTALL)
-    assert found
-    return dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6});", found[1]))
+    palette_rules = re.search(pattern, style, re.DOTALL)
+    assert palette_rules
+    return dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6});", palette_rules[1]))
 
 
 def lab(colour: str, eye: str) -> np.ndarray:
@@ -62,9 +62,9 @@ def lab(colour: str, eye: str) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def distance(one: np.ndarray, two: np.ndarray) -> float:
+def distance(first: np.ndarray, two: np.ndarray) -> float:
     """Return ΔE00 of two colours in L*, a*, b*."""
-    (l1, a1, b1), (l2, a2, b2) = one, two
+    (l1, a1, b1), (l2, a2, b2) = first, two
     c = (np.hypot(a1, b1) + np.hypot(a2, b2)) / 2
     g = 1.5 - 0.5 * np.sqrt(c**7 / (c**7 + 25.0**7))
     c1, c2 = np.hypot(g * a1, b1), np.hypot(g * a2, b2)
@@ -89,7 +89,7 @@ def distance(one: np.ndarray, two: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    ("one", "two", "wanted"),
+    ("first", "two", "expected"),
     [  # Sharma, Wu and Dalal (2005), table 1: rows 1, 7, 14, 17, 25 and 33
         ((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
         ((50, 0, 0), (50, -1, 2), 2.3669),
@@ -99,8 +99,8 @@ def distance(one: np.ndarray, two: np.ndarray) -> float:
         ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
     ],
 )
-def test_the_distance_is_that_of_the_paper(one, two, wanted):
-    assert distance(np.array(one), np.array(two)) == pytest.approx(wanted, abs=1e-4)
+def test_the_distance_is_that_of_the_paper(first, two, expected):
+    assert distance(np.array(first), np.array(two)) == pytest.approx(expected, abs=1e-4)
 
 
 def test_an_eye_without_the_green_cone_takes_red_for_olive():
@@ -114,11 +114,11 @@ def test_an_eye_without_the_green_cone_takes_red_for_olive():
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_colours_that_nothing_else_tells_apart_are_far_apart(theme, eye):
-    named = palette(theme)
+    colours = palette(theme)
     near = {
         pair: round(far, 1)
         for pair in BY_COLOUR
-        if (far := distance(*(lab(named[name], eye) for name in pair))) < APART
+        if (far := distance(*(lab(colours[name], eye) for name in pair))) < APART
     }
     assert not near
 
@@ -126,12 +126,12 @@ def test_colours_that_nothing_else_tells_apart_are_far_apart(theme, eye):
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_every_line_stands_out_from_its_card(theme, eye):
-    named = palette(theme)
+    colours = palette(theme)
     lines = ("measured", "model", "ghost", "alarm", "sim", "ink", "route", "quiet", "middle", "loud")
     faint = {
         name: round(far, 1)
         for name in lines
-        if (far := distance(lab(named[name], eye), lab(named["card"], eye))) < FROM_CARD
+        if (far := distance(lab(colours[name], eye), lab(colours["card"], eye))) < FROM_CARD
     }
     assert not faint
 

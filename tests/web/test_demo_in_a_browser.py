@@ -42,57 +42,57 @@ out.write_text(json.dumps(seen))
 
 def demo(tmp_path):
     """Run the demo with a display and a browser; its end, what the browser saw, and when it began."""
-    script, seen = tmp_path / "browser.py", tmp_path / "seen.json"
+    script, log = tmp_path / "browser.py", tmp_path / "seen.json"
     script.write_text(BROWSER, encoding="utf-8")
     environment = {
         **os.environ, "DISPLAY": ":0",
-        "BROWSER": f"{sys.executable} {script} {seen} %s &",
+        "BROWSER": f"{sys.executable} {script} {log} %s &",
     }  # fmt: skip
     environment.pop("CI", None)
-    begun = time.monotonic()
+    start_s = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "baqueano", "demo", "--pace", "50"], cwd=tmp_path, env=environment,
         timeout=ENDS_S, capture_output=True, text=True,
     )  # fmt: skip
     end = time.monotonic() + START_S
-    while not seen.exists():
+    while not log.exists():
         assert time.monotonic() < end, done.stderr
         time.sleep(0.1)
-    return done, json.loads(seen.read_text()), begun
+    return done, json.loads(log.read_text()), start_s
 
 
 @pytest.mark.alone
 def test_a_demo_opens_a_tab_within_20_s_shows_all_of_it_and_ends_by_itself(tmp_path):
     with before_others():
-        done, seen, begun = demo(tmp_path)
+        done, record, start_s = demo(tmp_path)
     assert done.returncode == 0, done.stderr
-    assert seen["address"].startswith("http://127.0.0.1:")
-    assert seen["opened"] - begun <= OPENS_S
-    assert seen["screens"] == ["drive", "identify", "tuned", "drive"], seen
-    assert seen["frames"] > 20
+    assert record["address"].startswith("http://127.0.0.1:")
+    assert record["opened"] - start_s <= OPENS_S
+    assert record["screens"] == ["drive", "identify", "tuned", "drive"], record
+    assert record["frames"] > 20
     assert (tmp_path / "demo" / "report.html").exists()
 
 
-class Simulated(Exception):
+class SimulationCall(Exception):
     """What the demo would do is not done here."""
 
 
-@pytest.mark.parametrize(("words", "opened"), [((), True), (("--page",), True), (("--no-page",), False)])
-def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opened):
-    started, process = [], subprocess.Popen
+@pytest.mark.parametrize(("words", "opens_page"), [((), True), (("--page",), True), (("--no-page",), False)])
+def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opens_page):
+    commands, process = [], subprocess.Popen
 
-    def starts(command, **how):
-        started.append(command)
-        return process([sys.executable, "-c", ""], **how)
+    def starts(command, **options):
+        commands.append(command)
+        return process([sys.executable, "-c", ""], **options)
 
     def simulated(*words):
-        raise Simulated
+        raise SimulationCall
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("CI", raising=False)
     monkeypatch.setattr("baqueano.cli.page.motion.subprocess.Popen", starts)
     monkeypatch.setattr("baqueano.study.demo.demo", simulated)
-    with pytest.raises(Simulated):
+    with pytest.raises(SimulationCall):
         command.main(list(words), standalone_mode=False)
-    assert [one[2] for one in started] == (["baqueano.web.lab.playback"] if opened else [])
+    assert [call[2] for call in commands] == (["baqueano.web.lab.playback"] if opens_page else [])

@@ -20,7 +20,7 @@ class Model:
 
     def __init__(self, clock):
         self.clock, self.holder, self.until_s, self.n = clock, None, 0.0, 0
-        self.commands, self.asked = [], 0
+        self.commands, self.missions = [], 0
 
     def now(self):
         """Return who drives now."""
@@ -28,70 +28,73 @@ class Model:
             self.holder = None
         return self.holder
 
-    def hold(self, who):
-        self.holder, self.until_s, self.n = who, self.clock.s + HOLDS_S, 0
+    def hold(self, driver):
+        self.holder, self.until_s, self.n = driver, self.clock.s + HOLDS_S, 0
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
     chance, clock = random.Random(f"drivers {seed}"), Clock()
     names = NAMES[: 2 + seed % 4]
-    model, said = Model(clock), dict.fromkeys(names, 0)
+    model, counts = Model(clock), dict.fromkeys(names, 0)
 
-    async def act(there, live, link, who, word):
-        one = there[who]
+    async def act(visitors, live, link, name, word):
+        visitor = visitors[name]
         if word == "take":
-            await one.say("take")
-            if model.now() in (None, who):
-                model.hold(who)
+            await visitor.say("take")
+            if model.now() in (None, name):
+                model.hold(name)
         elif word == "beat":
             n = chance.choice(
-                (said[who] + 1, said[who])
+                (counts[name] + 1, counts[name])
             )  # a second time with the same number it does not count
-            said[who] = n
-            await one.say("beat", n=n, seen=live.feed.number, u=[names.index(who) + 1.0])
-            if model.now() == who and n > model.n:
+            counts[name] = n
+            await visitor.say("beat", n=n, seen=live.feed.number, u=[names.index(name) + 1.0])
+            if model.now() == name and n > model.n:
                 model.n, model.until_s = n, clock.s + HOLDS_S
-                model.commands.append([names.index(who) + 1.0])
+                model.commands.append([names.index(name) + 1.0])
         elif word in ("give", "give to"):
             to = chance.choice(names) if word == "give to" else None
-            await one.say("give", **({"to": to} if to else {}))
-            if model.now() == who:
+            await visitor.say("give", **({"to": to} if to else {}))
+            if model.now() == name:
                 model.holder = None
                 if to:
                     model.hold(to)
         elif word == "late":
             clock.s += chance.choice((0.1, 0.4))
         elif word == "stop":
-            await one.say("stop")
+            await visitor.say("stop")
         elif word == "drive":
-            await one.say("mission", kind="drive")
-            model.asked += model.now() == who
-        await one.say("no such word")  # refused after all that was said before it
-        await one.next("no", where=lambda no: no["to"] == "no such word")
+            await visitor.say("mission", kind="drive")
+            model.missions += model.now() == name
+        await visitor.say("no such word")  # refused after all that was said before it
+        await visitor.next("no", where=lambda no: no["to"] == "no such word")
 
     async def job():
         async with live_page(tmp_path) as (server, link, live), AsyncExitStack() as lines:
             live.lease._now = clock
-            there = {name: await lines.enter_async_context(browser(server, name=name)) for name in names}
+            visitors = {name: await lines.enter_async_context(browser(server, name=name)) for name in names}
             link.frame(0.05)
             stops = 0
             for _ in range(STEPS):
                 driver = model.now() if chance.random() < 0.5 else None
-                who, word = driver or chance.choice(names), chance.choice(WORDS)
+                name, word = driver or chance.choice(names), chance.choice(WORDS)
                 if word == "gone":
-                    there[who].line.transport.abort()
+                    visitors[name].line.transport.abort()
                     await until(lambda: len(server.visitors) < len(names))
-                    if model.now() == who:
+                    if model.now() == name:
                         model.holder = None
-                    there[who], said[who] = await lines.enter_async_context(browser(server, name=who)), 0
+                    visitors[name], counts[name] = (
+                        await lines.enter_async_context(browser(server, name=name)),
+                        0,
+                    )
                 else:
-                    await act(there, live, link, who, word)
+                    await act(visitors, live, link, name, word)
                     stops += word == "stop"
-                assert [said["u"] for said in link.told("hand")] == model.commands, (word, who)
-                assert getattr(live.lease.holder, "name", None) == model.now(), (word, who)
-                assert len(link.told("stop")) == stops  # anybody's
-                assert len(link.told("mission")) == model.asked
+                assert [message["u"] for message in link.requests("hand")] == model.commands, (word, name)
+                assert getattr(live.lease.holder, "name", None) == model.now(), (word, name)
+                assert len(link.requests("stop")) == stops  # anybody's
+                assert len(link.requests("mission")) == model.missions
             assert len(model.commands) > 2
 
     run_page(job)

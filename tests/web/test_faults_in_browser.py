@@ -7,7 +7,7 @@ import pytest
 from baqueano.runs import read_run
 from baqueano.worlds.faults.fault import faults_in
 from tests.web.chromium import CHROMIUM, Chromium
-from tests.web.scripted import Scripted
+from tests.web.scripted import ScriptedServer
 from tests.web.test_serve import port_of, program
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
@@ -53,7 +53,7 @@ def test_push_cut_read_the_ledger_and_drive_again_without(chromium, tmp_path):
             tab.wait(f"{STATE} === 'READY' && {PAGE}.hello.vehicle.world === 'simulated'", 60.0)
             tab.click("#tab-faults")
             try:
-                told(tab)
+                fault_and_replay(tab)
                 break
             except AssertionError:
                 if k == TRIES - 1 or not tab.js(
@@ -64,14 +64,14 @@ def test_push_cut_read_the_ledger_and_drive_again_without(chromium, tmp_path):
                 assert not tab.errors
                 tab.close()
     first, twin = (read_run(path) for path in sorted((folder / "runs").glob("*.mcap"))[-2:])
-    found = [faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events) for run in (first, twin)]
-    assert [one.kind for one in found[0]] == ["push", "cut"]
-    assert found[1] == found[0][:1]
-    n = round(found[0][1].at_s * 100)
+    faults = [faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events) for run in (first, twin)]
+    assert [fault.kind for fault in faults[0]] == ["push", "cut"]
+    assert faults[1] == faults[0][:1]
+    n = round(faults[0][1].at_s * 100)
     assert (first.truth.eta[:n] == twin.truth.eta[:n]).all()
 
 
-def told(tab):
+def fault_and_replay(tab):
     """Push, cut, read, again without."""
     driving(tab)
     x, y = tab.middle(".faults .map")
@@ -102,7 +102,7 @@ def told(tab):
 
 
 def test_a_robot_has_no_such_tab(chromium):
-    with Scripted("live", world="real") as server:
+    with ScriptedServer("live", world="real") as server:
         tab = chromium.tab()
         tab.goto(f"{server.url}?lang=en")
         tab.wait(f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.record.length > 0", 30.0)

@@ -30,7 +30,7 @@ ROUTE = {"is": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0
 BLOCKS = {"estimator": "Ekf", "guide": "AlongRoute", "controller": "PdFeedforward"}
 
 
-def there(server, token=""):
+def address_of(server, token=""):
     return f"ws://127.0.0.1:{server.port}/foxglove" + (f"/{token}" if token else "")
 
 
@@ -51,7 +51,7 @@ def test_the_public_client_sees_all_and_changes_nothing(tmp_path):
             })  # fmt: skip
             link.on_word(ROUTE)
             program = await asyncio.create_subprocess_exec(
-                str(NODE), "look.mjs", there(server), "4", cwd=HERE, stdout=subprocess.PIPE
+                str(NODE), "look.mjs", address_of(server), "4", cwd=HERE, stdout=subprocess.PIPE
             )
             looking = asyncio.create_task(program.communicate())
             await until(lambda: len(live.foxglove) == 1)
@@ -62,41 +62,43 @@ def test_the_public_client_sees_all_and_changes_nothing(tmp_path):
                 if k == 10:
                     link.on_word({"is": "event", "said": note("web.begins", Severity.WARNING)})
                 await asyncio.sleep(0.1)
-            seen = json.loads((await looking)[0])
-        assert seen["info"]["capabilities"] == ["parameters", "connectionGraph"]
-        topics = {one["topic"]: one for one in seen["channels"]}
+            message = json.loads((await looking)[0])
+        assert message["info"]["capabilities"] == ["parameters", "connectionGraph"]
+        topics = {channel["topic"]: channel for channel in message["channels"]}
         assert {"/estimate/pose", "/command/applied", "/sensors", "/drive", "/events", "/guide/route"} <= {
             *topics
         }
         assert topics["/events"]["schemaName"] == "foxglove.Log"
-        poses = seen["messages"]["/estimate/pose"]
+        poses = message["messages"]["/estimate/pose"]
         assert poses[0]["value"] == {"x": 0.25}
         steps = [b["t"] - a["t"] for a, b in pairwise(poses)]
         assert all(step > 0.0 for step in steps)
         assert min(steps) == pytest.approx(0.01, abs=1e-3)  # the two ticks of a frame
         assert {
-            one["value"]["u_x" if "u_x" in one["value"] else "0"]
-            for one in seen["messages"]["/command/applied"]
+            sample["value"]["u_x" if "u_x" in sample["value"] else "0"]
+            for sample in message["messages"]["/command/applied"]
         } == {0.5}
-        assert seen["messages"]["/guide/route"][0]["value"]["poses"][1]["position"] == {
+        assert message["messages"]["/guide/route"][0]["value"]["poses"][1]["position"] == {
             "x": 1.0,
             "y": 0.5,
             "z": 0.0,
         }
-        assert seen["messages"]["/events"][0]["value"]["level"] == 3
-        values = {one["name"]: one["value"] for one in seen["parameters"]["all"]}
+        assert message["messages"]["/events"][0]["value"]["level"] == 3
+        values = {parameter["name"]: parameter["value"] for parameter in message["parameters"]["all"]}
         assert values["controller.k_x"] == 3.0
         assert values["block.estimator"] == "Ekf"
         assert values["limit.u_x"] == [-1, 1]
-        assert seen["parameters"]["mine"] == seen["parameters"]["all"]  # what was set is not
-        assert len(seen["statuses"]) >= 3  # set, publish, updates
-        published = {one["name"]: one["publisherIds"] for one in seen["graph"]["publishedTopics"]}
-        read = {one["name"]: one["subscriberIds"] for one in seen["graph"]["subscribedTopics"]}
+        assert message["parameters"]["mine"] == message["parameters"]["all"]  # what was set is not
+        assert len(message["statuses"]) >= 3  # set, publish, updates
+        published = {topic["name"]: topic["publisherIds"] for topic in message["graph"]["publishedTopics"]}
+        subscribers = {
+            topic["name"]: topic["subscriberIds"] for topic in message["graph"]["subscribedTopics"]
+        }
         assert published["/estimate/pose"] == ["estimator"]
-        assert set(read["/estimate/pose"]) == {"guide", "controller"}
-        assert "world" in read["/command/applied"]
-        assert seen["closed"] == 1003  # it published
-        assert {word["do"] for word in link.heard} == {"watch", "routes"}  # nothing came to the vehicle
+        assert set(subscribers["/estimate/pose"]) == {"guide", "controller"}
+        assert "world" in subscribers["/command/applied"]
+        assert message["closed"] == 1003  # it published
+        assert {word["do"] for word in link.messages} == {"watch", "routes"}  # nothing came to the vehicle
 
     run_page(job)
 
@@ -106,15 +108,15 @@ def test_both_names_of_the_protocol_are_spoken(tmp_path, name):
     async def job():
         async with (
             live_page(tmp_path) as (server, link, _),
-            connect(there(server), subprotocols=[name]) as line,
+            connect(address_of(server), subprotocols=[name]) as line,
         ):
             assert line.subprotocol == name
             info = await next_word(line, "serverInfo")
             assert "small" in info["name"]
             channels = (await next_word(line, "advertise"))["channels"]
-            chosen = next(one["id"] for one in channels if one["topic"] == "/drive")
+            channel_id = next(channel["id"] for channel in channels if channel["topic"] == "/drive")
             await line.send(
-                json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": chosen}]})
+                json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": channel_id}]})
             )
             await line.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 8, "channelId": 99}]}))
             assert "99" in (await next_word(line, "status"))["message"]
@@ -135,25 +137,25 @@ def test_both_names_of_the_protocol_are_spoken(tmp_path, name):
 
 
 def test_ne2_ne3_a_program_needs_a_token_where_a_page_would(tmp_path):
-    async def refused(url, **how):
+    async def status_of(url, **options):
         with pytest.raises(InvalidStatus) as error:
-            await connect(url, subprotocols=[NAMES[0]], **how).__aenter__()
+            await connect(url, subprotocols=[NAMES[0]], **options).__aenter__()
         return error.value.response.status_code
 
     async def job():
         async with live_page(tmp_path) as (server, _, _):
             evil = {"origin": "https://evil.example"}
-            assert await refused(there(server), **evil) == 403
-            assert await refused(there(server, "x" * 22)) == 403
+            assert await status_of(address_of(server), **evil) == 403
+            assert await status_of(address_of(server, "x" * 22)) == 403
             token = server.guard.tokens[Role.VIEW]
             async with connect(
-                there(server, token), subprotocols=[NAMES[0]], **evil
+                address_of(server, token), subprotocols=[NAMES[0]], **evil
             ) as line:  # Foxglove's own page
                 await next_word(line, "serverInfo")
             with pytest.raises(InvalidStatus):
-                await connect(there(server)).__aenter__()  # of no protocol that is spoken here
+                await connect(address_of(server)).__aenter__()  # of no protocol that is spoken here
         async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _):
-            assert await refused(there(server)) == 403
+            assert await status_of(address_of(server)) == 403
 
     run_page(job)
 
@@ -162,12 +164,12 @@ def test_a_program_that_publishes_is_let_go(tmp_path):
     async def job():
         async with (
             live_page(tmp_path) as (server, link, _),
-            connect(there(server), subprotocols=[NAMES[1]]) as line,
+            connect(address_of(server), subprotocols=[NAMES[1]]) as line,
         ):
             await line.send(struct.pack("<BI", 1, 1) + b"{}")
             with pytest.raises(ConnectionClosed):
                 await asyncio.wait_for(all_of(line), WAIT_S)
-            assert {word["do"] for word in link.heard} == {"watch", "routes"}
+            assert {word["do"] for word in link.messages} == {"watch", "routes"}
 
     run_page(job)
 

@@ -52,12 +52,12 @@ def test_a_framed_page_is_refused_by_a_real_browser(tmp_path):
         program("baqueano", "view", "circle", "--runs", str(folder), "--no-browser") as page,
         Chromium() as chromium,
     ):
-        ours, tab = f"http://127.0.0.1:{port_of(page)}/", chromium.tab()
+        page_url, tab = f"http://127.0.0.1:{port_of(page)}/", chromium.tab()
         with stranger("") as address:
             assert framed_in(tab, address) == (f"{address}plain", False)  # a frame as such is shown
-        with stranger(ours) as address:
-            assert framed_in(tab, address) == (ours, True)
+        with stranger(page_url) as address:
+            assert framed_in(tab, address) == (page_url, True)
         assert any("frame-ancestors" in error for error in tab.errors), tab.errors
-        tab.goto(ours)
+        tab.goto(page_url)
         tab.wait("globalThis.baqueano?.page.hello", START_S)  # by itself it is
         tab.close()

@@ -50,11 +50,19 @@ def _static(monkeypatch, tmp_path):
 def test_ne1_it_listens_on_loopback_and_where_it_is_shared(folder):
     async def job():
         async with recorded_page(folder) as server:
-            assert [one.getsockname()[0] for held in server._servers for one in held.sockets] == ["127.0.0.1"]
+            assert [
+                listening_socket.getsockname()[0]
+                for listener in server._servers
+                for listening_socket in listener.sockets
+            ] == ["127.0.0.1"]
             with pytest.raises(OSError, match="failed"):
                 await asyncio.open_connection("127.0.0.2", server.port)
         async with recorded_page(folder, shared_at="127.0.0.2") as server:
-            listening = {one.getsockname() for held in server._servers for one in held.sockets}
+            listening = {
+                listening_socket.getsockname()
+                for listener in server._servers
+                for listening_socket in listener.sockets
+            }
             assert listening == {("127.0.0.1", server.port), ("127.0.0.2", server.port)}
 
     run_page(job)
@@ -78,9 +86,9 @@ def test_ne1_the_address_that_is_printed_has_the_token_behind_the_number_sign():
 def test_ne2_a_host_that_is_not_served_is_refused_on_every_request(folder, host):
     async def job():
         async with recorded_page(folder, "circle") as server:
-            named = None if host is None else host.format(port=server.port)
+            host_name = None if host is None else host.format(port=server.port)
             for path in ("/", "/run/x", "/ws", "/nothing"):
-                assert (await request(server, f"GET {path} HTTP/1.1", host=named))[0] == 403
+                assert (await request(server, f"GET {path} HTTP/1.1", host=host_name))[0] == 403
 
     run_page(job)
 
@@ -117,9 +125,9 @@ def test_ne2_who_has_no_origin_watches_with_a_token_and_without_one_goes(folder)
             async with line_to(server, origin=None) as line:
                 await line.send(json.dumps({"is": "hello"}))
                 assert json.loads(await line.recv())["code"] == "web.token"
-                with pytest.raises(ConnectionClosed) as closed:
+                with pytest.raises(ConnectionClosed) as error_info:
                     await line.recv()
-                assert closed.value.rcvd.code == 1008
+                assert error_info.value.rcvd.code == 1008
 
     run_page(job)
 
@@ -154,9 +162,9 @@ def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
     async def job():
         async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
             for role, token in server.guard.tokens.items():
-                async with browser(server, token=token) as one:
-                    assert one.hello["role"] == role.word
-                    assert one.hello["shared"]  # the page says what that risks
+                async with browser(server, token=token) as visitor:
+                    assert visitor.hello["role"] == role.word
+                    assert visitor.hello["shared"]  # the page says what that risks
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello"}))
                 assert json.loads(await line.recv())["code"] == "web.token"
@@ -179,13 +187,13 @@ def test_ne4_after_five_wrong_tokens_none_is_looked_at_for_a_minute():
 
 
 def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
-    compared = []
-    monkeypatch.setattr(guarding.hmac, "compare_digest", lambda a, b: compared.append(b) or a == b)
+    comparisons = []
+    monkeypatch.setattr(guarding.hmac, "compare_digest", lambda a, b: comparisons.append(b) or a == b)
     guard = Guard((), 1, shared=True)
     for token in guard.tokens.values():
-        compared.clear()
+        comparisons.clear()
         assert guard.role("10.0.0.1", token, True)
-        assert len(compared) == len(Role)
+        assert len(comparisons) == len(Role)
 
 
 def test_ne4_addresses_that_guess_take_no_memory():
@@ -215,16 +223,16 @@ def test_ne6_only_files_of_the_table_are_served(folder, path):
 
 @pytest.mark.usefixtures("_static")
 @pytest.mark.parametrize(
-    ("offer", "packed"), {"gzip, br": True, "br": False, "gzip;q=0": False, "": False}.items()
+    ("offer", "packing"), {"gzip, br": True, "br": False, "gzip;q=0": False, "": False}.items()
 )
-def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packed):
+def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packing):
     async def job():
         async with recorded_page(folder, "circle") as server:
             line = "GET /static/page.js HTTP/1.1" + (f"\r\nAccept-Encoding: {offer}" if offer else "")
             status, headers, body = await request(server, line)
             assert status == 200
-            assert (headers.get("Content-Encoding") == "gzip") == packed
-            assert (gzip.decompress(body) if packed else body) == b"let x"
+            assert (headers.get("Content-Encoding") == "gzip") == packing
+            assert (gzip.decompress(body) if packing else body) == b"let x"
 
     run_page(job)
 
@@ -242,9 +250,9 @@ def test_ne6_a_link_in_the_folder_of_runs_leads_nowhere(tmp_path):
     (runs / "link.mcap").symlink_to(secret)
 
     async def job():
-        async with recorded_page(runs) as server, browser(server) as one:
-            assert [run["name"] for run in one.hello["runs"]] == ["circle"]
-            word = one.hello["runs"][0]["id"]
+        async with recorded_page(runs) as server, browser(server) as visitor:
+            assert [run["name"] for run in visitor.hello["runs"]] == ["circle"]
+            word = visitor.hello["runs"][0]["id"]
             assert len(word) == 24
             (runs / "circle.mcap").unlink()
             (runs / "circle.mcap").symlink_to(secret)
@@ -255,11 +263,11 @@ def test_ne6_a_link_in_the_folder_of_runs_leads_nowhere(tmp_path):
 
 def test_ne6_a_run_is_opened_by_its_word_alone(folder):
     async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
             for run in ("circle", "../runs/circle.mcap", str(folder / "circle.mcap"), 3, {"a": 1}, None):
-                await one.say("open", run=run)
+                await visitor.say("open", run=run)
                 if run:
-                    assert (await one.next("no"))["to"] == "open"
+                    assert (await visitor.next("no"))["to"] == "open"
 
     run_page(job)
 
@@ -291,19 +299,19 @@ def test_ne7_a_token_is_in_no_output_but_the_printed_addresses(folder, caplog, c
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello", "token": tokens[1][:-1]}))
                 assert json.loads(await line.recv())["code"] == "web.token"
-            shown = caplog.text + "".join(capfd.readouterr())
-            assert not any(token[:-1] in shown for token in tokens)
+            output = caplog.text + "".join(capfd.readouterr())
+            assert not any(token[:-1] in output for token in tokens)
 
     run_page(job)
 
 
 def test_ne8_no_file_of_the_page_names_another_place():
-    for path, held in static(serving.STATIC).items():
-        text = held.content.decode("utf-8", "replace")
+    for path, asset in static(serving.STATIC).items():
+        text = asset.content.decode("utf-8", "replace")
         foreign = [
-            one
-            for one in re.findall(r"(?:https?|wss?)://[\w.${}]+", text)
-            if "www.w3.org" not in one and "${" not in one
+            address
+            for address in re.findall(r"(?:https?|wss?)://[\w.${}]+", text)
+            if "www.w3.org" not in address and "${" not in address
         ]
         assert not foreign, f"{path}: {foreign}"
         assert not re.search(r"\b(innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\()", text), path
@@ -317,16 +325,16 @@ def test_ne8_hostile_names_stay_text(tmp_path):
     runs = folder_of(tmp_path / "runs", evil=run)
 
     async def job():
-        async with recorded_page(runs, "evil") as server, browser(server, name=name) as one:
-            assert one.hello["vehicle"]["name"] == one.hello["you"] == name
+        async with recorded_page(runs, "evil") as server, browser(server, name=name) as visitor:
+            assert visitor.hello["vehicle"]["name"] == visitor.hello["you"] == name
             assert (await request(server, f"GET /{name.replace(' ', '')} HTTP/1.1"))[2] == b"404 Not Found\n"
 
     run_page(job)
 
 
 def test_no_port_is_taken_twice(folder):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = listening.getsockname()[1]
 
         async def job():
             from baqueano.errors import UsageError

@@ -3,8 +3,8 @@
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import PAGE, opened, until
-from tests.web.scripted import Scripted
+from tests.web.screens import PAGE, open_page, until
+from tests.web.scripted import ScriptedServer
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -28,7 +28,7 @@ LAST = f"{PAGE}.ledger.at(-1)"
 @pytest.fixture
 def driver(tab, live):
     """A tab that holds the wheel of a vehicle that drives."""
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")
     return tab
@@ -67,7 +67,7 @@ def test_a_game_pad_drives_beyond_its_dead_zone_and_lets_go_when_it_is_unplugged
 
 
 def test_the_second_button_of_a_game_pad_stops_without_the_wheel(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.js(PAD)
     tab.js("gamePad.buttons[0].pressed = true")
     tab.wait("new Promise((done) => setTimeout(() => done(true), 200))")
@@ -95,18 +95,18 @@ def test_pause_go_on_mark_and_end(driver, live):
 
 
 def test_the_pace_is_a_slider_that_stands_where_the_drive_is(tab):
-    with Scripted("live") as live:
+    with ScriptedServer("live") as live:
         live.pace = 4.0  # as in the demo
-        opened(tab, live)
-        says = "document.querySelector('.pace').textContent"
-        assert tab.js(says) == "pace 4×"
+        open_page(tab, live)
+        pace = "document.querySelector('.pace').textContent"
+        assert tab.js(pace) == "pace 4×"
         tab.js("document.querySelector('.pace input').focus()")
         tab.press("ArrowRight")
         until(lambda: live.words("pace") == [{"is": "pace", "factor": 8}])
         for _ in range(5):
             tab.press("ArrowLeft")
         until(lambda: live.words("pace")[-1] == {"is": "pace", "factor": 0.25})
-        tab.wait(f"{says} === 'pace ¼×'")
+        tab.wait(f"{pace} === 'pace ¼×'")
 
 
 def breaker(kind: str) -> str:
@@ -156,7 +156,7 @@ def test_a_push_by_keys_one_tick_and_the_paces_of_faults(breaking, live):
 
 
 def test_without_the_wheel_nothing_is_broken(tab, live):
-    opened(tab, live, screen="faults")
+    open_page(tab, live, screen="faults")
     tab.js(f"{breaker('cut')}.button.click()")
     tab.wait("document.getElementById('toast').classList.contains('shown')")
     assert not live.words("shake")
@@ -164,11 +164,11 @@ def test_without_the_wheel_nothing_is_broken(tab, live):
 
 @pytest.mark.parametrize(("language", "words"), [("en", "open Wi-Fi"), ("es", "Wi-Fi abierta")])
 def test_a_shared_page_says_its_risk(tab, language, words):
-    with Scripted("live") as live:
+    with ScriptedServer("live") as live:
         live.shared = True
-        opened(tab, live, language)
+        open_page(tab, live, language)
         assert tab.js("document.getElementById('shared').checkVisibility()")
         assert words in tab.js("document.getElementById('shared').textContent")
         live.shared = False
-        opened(tab, live, language)
+        open_page(tab, live, language)
         assert not tab.js("document.getElementById('shared').checkVisibility()")

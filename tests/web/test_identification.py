@@ -34,7 +34,7 @@ GUESS = {
 
 
 @pytest.fixture(scope="module")
-def driven():
+def driven_runs():
     """A guess of `small`, and a run of the true one."""
     small = load("small")
     u = excitation("random_steps", small.command.limit, SECONDS, small.rate_hz, seed=2, rest_s=1.0)
@@ -42,8 +42,8 @@ def driven():
 
 
 def rows_of(run):
-    packed = recorded(run)
-    return [one["name"] for one in packed.fields], packed.x.tolist()
+    record = recorded(run)
+    return [column["name"] for column in record.fields], record.x.tolist()
 
 
 def fitted(drive, seconds=60.0):
@@ -55,8 +55,8 @@ def fitted(drive, seconds=60.0):
     return state
 
 
-def test_before_8_s_errors_are_those_that_the_guess_expects(driven):
-    guess, _, run = driven
+def test_before_8_s_errors_are_those_that_the_guess_expects(driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     drive.rows(names, rows[:700])
@@ -72,8 +72,8 @@ def test_before_8_s_errors_are_those_that_the_guess_expects(driven):
     drive.close()
 
 
-def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
-    guess, small, run = driven
+def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven_runs):
+    guess, small, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     for at in range(0, len(rows), 100):
@@ -81,7 +81,7 @@ def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
         drive.state()
     state = fitted(drive)
     assert state["fit"]["verdict"] in ("USABLE", "WARN")
-    k = [one["path"] for one in state["parameters"]].index("actuator_matrix[0,0]")
+    k = [parameter["path"] for parameter in state["parameters"]].index("actuator_matrix[0,0]")
     value, sd = state["fit"]["value"][k], state["fit"]["sd"][k]
     truth = float(small.value("model.actuator_matrix[0,0]"))
     assert abs(value - 2.0) > 0.3  # no longer the guess
@@ -90,14 +90,14 @@ def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
     drive.close()
 
 
-def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
-    guess, _, run = driven
+def test_a_fit_that_takes_long_makes_the_next_come_later(driven_runs, monkeypatch):
+    guess, _, run = driven_runs
     began = []
 
-    def slow(given):
+    def slow(estimate):
         began.append(time.monotonic())
         time.sleep(0.6)
-        return real(drive, given)
+        return real(drive, estimate)
 
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -116,8 +116,8 @@ def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
     drive.close()
 
 
-def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven):
-    guess, _, run = driven
+def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess, "python")
     assert not drive.compiled
@@ -130,8 +130,8 @@ def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven):
     drive.close()
 
 
-def test_ticks_that_never_came_are_driven_but_measure_nothing(driven):
-    guess, _, run = driven
+def test_ticks_that_never_came_are_driven_but_measure_nothing(driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     whole, gap = DriveIdentification(guess), DriveIdentification(guess)
     whole.rows(names, rows[:300])
@@ -152,7 +152,7 @@ def test_ticks_that_never_came_are_driven_but_measure_nothing(driven):
 def test_every_parameter_of_the_garage_has_a_name_for_people():
     for name in ("small", "car", "case-study-1"):
         drive = DriveIdentification(load(name), "numpy")
-        labels = [label_of(one) for one in drive._free]
+        labels = [label_of(parameter) for parameter in drive._free]
         drive.close()
         assert labels
         assert len(set(map(str, labels))) == len(labels)
@@ -167,14 +167,14 @@ class Sledge(FromAcceleration):
 def test_a_users_own_parameter_is_called_as_its_class_calls_it():
     blocks = FittedBlocks(Sledge(), load("small").sensors)
     names = {key: label_of(described(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
-    assert {key: one.figures["meaning"] for key, one in names.items()} == {
+    assert {key: note.figures["meaning"] for key, note in names.items()} == {
         "pull": "rope",
         "glide": "drag on snow",
     }
 
 
-def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, driven):
-    guess, _, run = driven
+def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, driven_runs):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     path = tmp_path / "guess.toml"
     path.write_text(guess.text, encoding="utf-8")
@@ -187,42 +187,44 @@ def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, 
                 link.on_word(
                     {"is": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
                 )
-            async with browser(server, "es") as one, browser(server) as other:
-                await one.say("identify", on=True)
-                first = await one.next("identify")
+            async with browser(server, "es") as visitor, browser(server) as second:
+                await visitor.say("identify", on=True)
+                first = await visitor.next("identify")
                 assert first["parameters"][0]["label"] == "fricción al avanzar"
-                found = await one.next("identify", where=lambda word: word["fit"] is not None)
-                assert found["t"] == 10.0
-                assert found["fit"]["verdict"]
-                assert "4 s" in found["next"]["motion"]
-                await other.say("ask", id=7, what="ping")
-                assert (await other.next("answer", "identify"))[
+                answer = await visitor.next("identify", where=lambda word: word["fit"] is not None)
+                assert answer["t"] == 10.0
+                assert answer["fit"]["verdict"]
+                assert "4 s" in answer["next"]["motion"]
+                await second.say("ask", id=7, what="ping")
+                assert (await second.next("answer", "identify"))[
                     "is"
                 ] == "answer"  # who does not look hears nothing
-                await one.say("identify", on=False)
+                await visitor.say("identify", on=False)
                 await until(lambda: not live.identifying._looking)
                 link.on_word({"is": "frame", "x": [[None] * len(names)]})
 
     run_page(job)
 
 
-def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven):
-    _, _, run = driven
+def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven_runs):
+    _, _, run = driven_runs
     folder = tmp_path / "runs"
     folder.mkdir()
     write_run(run, folder / "taught.mcap")
 
     async def job():
-        async with recorded_page(folder, "taught") as server, browser(server) as one:
-            await one.say("ask", id=1, what="identify", run=one.hello["open"]["run"])
-            said = await one.next("answer", where=lambda word: word["to"] == "ask")
-            errors = np.array(said["expected"])
+        async with recorded_page(folder, "taught") as server, browser(server) as visitor:
+            await visitor.say("ask", id=1, what="identify", run=visitor.hello["open"]["run"])
+            answer = await visitor.next("answer", where=lambda word: word["to"] == "ask")
+            errors = np.array(answer["expected"])
             assert np.all(np.diff(errors, axis=0) <= 1e-9)
-            assert len(errors) * said["step_s"] == pytest.approx(SECONDS, abs=0.3)
-            assert [one["t"] for one in said["fits"]] == sorted(one["t"] for one in said["fits"])
-            assert said["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
-            await one.say("ask", id=2, what="identify", run="none")
-            assert (await one.next("no"))["code"] == "web.no-run"
+            assert len(errors) * answer["step_s"] == pytest.approx(SECONDS, abs=0.3)
+            assert [dated_fit["t"] for dated_fit in answer["fits"]] == sorted(
+                dated_fit["t"] for dated_fit in answer["fits"]
+            )
+            assert answer["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
+            await visitor.say("ask", id=2, what="identify", run="none")
+            assert (await visitor.next("no"))["code"] == "web.no-run"
 
     run_page(job)
 
@@ -252,8 +254,8 @@ def test_the_page_process_loads_no_numpy():
     run_page(job)
 
 
-def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven, monkeypatch):
-    guess, _, run = driven
+def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven_runs, monkeypatch):
+    guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
     monkeypatch.setattr(module, "PERIOD_S", 0.0)
@@ -261,7 +263,7 @@ def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven, monkeypatch
     fitted(drive)
     while drive.state()["busy"]:
         time.sleep(0.02)
-    took = [one["fit"]["took_s"] for one in (drive.state(), drive.state())]
+    took = [state["fit"]["took_s"] for state in (drive.state(), drive.state())]
     time.sleep(0.1)
     assert not drive.state()["busy"]
     assert drive.state()["fit"]["took_s"] == took[0] == took[1]
@@ -270,20 +272,20 @@ def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven, monkeypatch
     drive.close()
 
 
-def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive(tmp_path, driven):
-    guess, small, run = driven
+def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive(tmp_path, driven_runs):
+    guess, small, run = driven_runs
     names, rows = rows_of(run)
     path, drives = tmp_path / "own.toml", Drives()
     path.write_text(guess.text, encoding="utf-8")
 
-    def guessed(drive: int) -> float:
+    def guess_after(drive: int) -> float:
         word = {"vehicle": str(path), "drive": drive, "names": names, "rows": rows[:20]}
-        said, _ = drives.answer(word)
-        k = [one["path"] for one in said["parameters"]].index("actuator_matrix[0,0]")
-        return said["parameters"][k]["guess"]
+        answer, _ = drives.answer(word)
+        k = [parameter["path"] for parameter in answer["parameters"]].index("actuator_matrix[0,0]")
+        return answer["parameters"][k]["guess"]
 
-    assert guessed(1) == 2.0
+    assert guess_after(1) == 2.0
     path.write_text(small.text, encoding="utf-8")
     os.utime(path, ns=(1, 1))
-    assert guessed(1) == 2.0  # a drive goes on with the file that it began with
-    assert guessed(2) == float(small.value("model.actuator_matrix[0,0]"))
+    assert guess_after(1) == 2.0  # a drive goes on with the file that it began with
+    assert guess_after(2) == float(small.value("model.actuator_matrix[0,0]"))

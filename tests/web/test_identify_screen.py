@@ -5,8 +5,8 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
-from tests.web.screens import BOXES, PAGE, opened, until
-from tests.web.taught import taught
+from tests.web.screens import BOXES, PAGE, open_page, until
+from tests.web.taught import fit_taught
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -21,9 +21,9 @@ def kinds(tab) -> set[str]:
 
 
 def test_bars_are_hollow_until_a_fit_and_shrink_while_it_drives(tab, live):
-    opened(tab, live, screen="identify")
+    open_page(tab, live, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
-    word = taught("en", live=True)
+    word = fit_taught("en", live=True)
     live.put(word | {"fit": None})
     until(lambda: kinds(tab) == {"hollow"})
     assert "8 s of driving" in tab.js("document.querySelector('.about').textContent")
@@ -34,25 +34,25 @@ def test_bars_are_hollow_until_a_fit_and_shrink_while_it_drives(tab, live):
         now < then for now, then in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if then > 1.0
     )
     assert tab.js("document.querySelector('.known-card .chip').textContent") == "USABLE"
-    unseen = "document.querySelector('[data-kind~=hollow]')"
-    assert "not seen" in tab.js(f"{unseen}.textContent")
-    assert "missing: sliding sideways" in tab.js(f"{unseen}.textContent")
+    unseen_chip = "document.querySelector('[data-kind~=hollow]')"
+    assert "not seen" in tab.js(f"{unseen_chip}.textContent")
+    assert "missing: sliding sideways" in tab.js(f"{unseen_chip}.textContent")
     live.put(word | {"fit": word["fit"] | {"verdict_is": "REFUSED", "verdict": "REFUSED"}})
     until(lambda: kinds(tab) == {"hollow"})  # a fit that is refused fills nothing
 
 
 def test_the_page_says_when_somebody_looks_and_when_no_more(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     assert not live.words("identify")
     tab.press("2", "Digit2", "2")
-    until(lambda: [one["on"] for one in live.words("identify")] == [True])
+    until(lambda: [word["on"] for word in live.words("identify")] == [True])
     tab.press("1", "Digit1", "1")
-    until(lambda: [one["on"] for one in live.words("identify")] == [True, False])
+    until(lambda: [word["on"] for word in live.words("identify")] == [True, False])
 
 
 def test_an_experiment_begins_from_the_screen_that_shows_it(tab, live):
     live.state, live.kind = "READY", None
-    opened(tab, live, screen="identify")
+    open_page(tab, live, screen="identify")
     assert tab.js("document.querySelector('.next-card button').disabled")
     tab.press("l", "KeyL", "l")
     tab.wait("!document.querySelector('.next-card button').disabled")
@@ -61,17 +61,17 @@ def test_an_experiment_begins_from_the_screen_that_shows_it(tab, live):
 
 
 def test_what_a_run_taught_is_scrubbed(tab, replay):
-    opened(tab, replay, screen="identify")
+    open_page(tab, replay, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
     bits = "Number(document.querySelector('.identify .numbers b').textContent)"
-    seen = []
+    marks = []
     for seconds in (4.0, 12.0, 40.0):
         tab.js(f"{PAGE}.screens.replay.seek({seconds})")
         time.sleep(0.15)
-        seen.append((tab.js(bits), kinds(tab)))
-    assert seen[0][0] < seen[1][0] < seen[2][0]
-    assert seen[0][1] == {"hollow"}  # before the first fit
-    assert "filled" in seen[1][1]
+        marks.append((tab.js(bits), kinds(tab)))
+    assert marks[0][0] < marks[1][0] < marks[2][0]
+    assert marks[0][1] == {"hollow"}  # before the first fit
+    assert "filled" in marks[1][1]
     tab.press("Home", "Home")
     until(lambda: tab.js(bits) == 0.0)
     assert len(set(tab.js(WIDTHS))) == 1
@@ -81,13 +81,13 @@ def test_what_a_run_taught_is_scrubbed(tab, replay):
 
 def test_reduced_motion_moves_no_bar_by_itself(tab, live):
     tab.media(prefers_reduced_motion="reduce")
-    opened(tab, live, screen="identify")
+    open_page(tab, live, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
     assert tab.js("getComputedStyle(document.querySelector('.knowns .bar')).transitionDuration") == "0s"
 
 
 def test_the_path_is_painted_by_what_it_taught(tab, live):
-    opened(tab, live, screen="identify")
+    open_page(tab, live, screen="identify")
     tab.wait(f"Boolean({PAGE}.screens.identify.word)")
     time.sleep(0.2)
     script = """(() => {
@@ -99,7 +99,7 @@ def test_the_path_is_painted_by_what_it_taught(tab, live):
         return seen.size;
     })()"""
     painted = tab.js(script)
-    live.put(taught("en", live=True) | {"rate": []})
+    live.put(fit_taught("en", live=True) | {"rate": []})
     time.sleep(0.4)
     assert painted > tab.js(script) + 5
 
@@ -115,7 +115,7 @@ def title(tab) -> str:
 
 
 def test_a_demo_leads_from_screen_to_screen_until_somebody_chooses_one(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     for scene, screen in (
         ({"screen": "identify"}, "identify"),
         (SCENE, "tuned"),
@@ -135,7 +135,7 @@ def test_a_demo_leads_from_screen_to_screen_until_somebody_chooses_one(tab, live
 @pytest.mark.parametrize("size", SIZES)
 def test_the_scene_of_the_gains_is_whole(tab, live, size):
     tab.size(*SIZES[size])
-    opened(tab, live, "es")
+    open_page(tab, live, "es")
     live.put(live._state("es") | {"scene": SCENE})
     tab.wait(f"{PAGE}.screen.constructor.key === 'tuned'")
     time.sleep(0.3)

@@ -21,7 +21,7 @@ def chromium():
         yield browser
 
 
-def shown(tab, text):
+def show_text(tab, text):
     tab.wait(TEXT.format(text=text), START_S)
 
 
@@ -41,7 +41,7 @@ def test_a_run_and_its_ghost_are_shown(chromium, tmp_path):
     ) as page:
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
-        shown(tab, "short (ghost)")
+        show_text(tab, "short (ghost)")
         assert not tab.errors
         tab.close()
 
@@ -53,7 +53,7 @@ def test_a_vehicle_is_taken_driven_and_stopped(chromium, tmp_path):
     ) as page:  # fmt: skip
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
-        shown(tab, "nobody drives")
+        show_text(tab, "nobody drives")
         end = time.monotonic() + START_S
         while not tab.js(TEXT.format(text="BY HAND")):  # a busy machine loses the wheel: it is taken again
             assert time.monotonic() < end, tab.js("document.body.innerText")
@@ -62,9 +62,9 @@ def test_a_vehicle_is_taken_driven_and_stopped(chromium, tmp_path):
             take(tab)
             tab.js(PRESS.format(name="By hand"))
             time.sleep(0.7)
-        shown(tab, "m/s ahead")
+        show_text(tab, "m/s ahead")
         tab.js(PRESS.format(name="STOP"))
-        shown(tab, "STOPPED")
+        show_text(tab, "STOPPED")
         assert not tab.errors
         tab.close()
 
@@ -105,7 +105,7 @@ def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_p
         tab.wait(f"{TUNE}.lap.rms !== {before}", START_S)
         tab.js(f"{TUNE}.do.downhill.click()")
         tab.wait(f"{TUNE}.way && {TUNE}.values.join() === {TUNE}.way.way.at(-1).join()", START_S)
-        tuned = tab.js(f"{TUNE}.values")
+        tuned_values = tab.js(f"{TUNE}.values")
         repeating(tab, f"!{TUNE}.do.apply.disabled")
         tab.js(f"{TUNE}.do.apply.click()")
         tab.wait(f"{TUNE}.state.textContent === 'in force'", START_S)
@@ -113,13 +113,13 @@ def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_p
         tab.js(f"{TUNE}.do.undo.click()")
         tab.wait(f"{TUNE}.force[1] === 1 && {TUNE}.force[2] === 4", START_S)
         tab.js(PRESS.format(name="STOP"))
-        shown(tab, "STOPPED")
+        show_text(tab, "STOPPED")
         tab.close()
     run = read_run(max((tmp_path / "runs").glob("*.mcap")))
     set_to = [e.diagnostic.figures for e in run.events if e.source == "set"]
-    assert {one["path"] for one in set_to} >= {"controller.k_x", "controller.k_chi"}
-    k_x = [float(one["now"]) for one in set_to if one["path"] == "controller.k_x"]
-    assert k_x == [pytest.approx(tuned[1]), 1.0]
+    assert {change["path"] for change in set_to} >= {"controller.k_x", "controller.k_chi"}
+    k_x = [float(change["now"]) for change in set_to if change["path"] == "controller.k_x"]
+    assert k_x == [pytest.approx(tuned_values[1]), 1.0]
 
 
 MINE = """from baqueano.controllers import PdFeedforward
@@ -158,9 +158,9 @@ def test_a_block_of_the_folder_is_swapped_in_and_drives(chromium, tmp_path):
         tab.wait("baqueano.page.hello.swapped?.controller === 'mine.py:MyLaw'", START_S)
         repeating(tab, "baqueano.page.state.t_s > 0.5")
         tab.wait("baqueano.page.hello.blocks.controller === 'MyLaw'", START_S)
-        shown(tab, "MyLaw")
+        show_text(tab, "MyLaw")
         tab.js(PRESS.format(name="STOP"))
-        shown(tab, "STOPPED")
+        show_text(tab, "STOPPED")
         tab.close()
     run = read_run(max((tmp_path / "runs").glob("*.mcap")))
     assert run.metadata["controller"].startswith("MyLaw(")
@@ -185,7 +185,7 @@ def test_the_same_data_goes_through_another_filter(chromium, tmp_path):
             "one.dispatchEvent(new Event('change')); })()"
         )
         tab.wait("baqueano.page.ghost?.about.filter === 'mine.py:MyEkf'", START_S)
-        shown(tab, "mine.py:MyEkf · same data")
+        show_text(tab, "mine.py:MyEkf · same data")
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4", START_S)
 
 
@@ -197,8 +197,8 @@ def test_a_route_is_taught_repeated_scrubbed_and_the_tab_lost_and_come_back_to(c
         port = port_of(page)
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port}/")
-        shown(tab, "nobody drives")
-        taught = False
+        show_text(tab, "nobody drives")
+        is_taught = False
         for _ in range(TRIES):  # a machine that stalls loses the wheel, and so the vehicle
             take(tab)
             tab.js("document.getElementById('clear').click()")
@@ -211,18 +211,18 @@ def test_a_route_is_taught_repeated_scrubbed_and_the_tab_lost_and_come_back_to(c
                 START_S,
             )
             tab.up("w", "KeyW")
-            if taught := tab.js("baqueano.page.state.state === 'MANUAL'"):
+            if is_taught := tab.js("baqueano.page.state.state === 'MANUAL'"):
                 break
-        assert taught
+        assert is_taught
         tab.js(PRESS.format(name="End"))
         tab.wait("baqueano.page.state.state === 'READY' && baqueano.page.screens.drive.route.value", START_S)
         tab.js(PRESS.format(name="Repeat"))
-        shown(tab, "REPEATING")
-        shown(tab, "from its route")
+        show_text(tab, "REPEATING")
+        show_text(tab, "from its route")
         tab.close()  # the tab is lost while it drives
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port}/")
-        shown(tab, "STOPPED")
+        show_text(tab, "STOPPED")
         assert tab.js("baqueano.page.record.length") > 10  # the last minute is there
         take(tab)
         tab.js("document.getElementById('clear').click()")

@@ -17,7 +17,7 @@ class Clock:
         return self.s
 
 
-def held(by="ana"):
+def lease_of(by="ana"):
     clock = Clock()
     lease = Lease(clock)
     lease.take(by, by)
@@ -25,7 +25,7 @@ def held(by="ana"):
 
 
 def test_rt13_a_lease_ends_300_ms_after_the_last_beat():
-    clock, lease = held()
+    clock, lease = lease_of()
     clock.s = 0.2
     assert lease.beat("ana", 1, 0.0)
     clock.s = 0.2 + HOLDS_S
@@ -36,7 +36,7 @@ def test_rt13_a_lease_ends_300_ms_after_the_last_beat():
 
 
 def test_rt13_ne4_who_looks_at_a_frozen_picture_loses_the_vehicle():
-    clock, lease = held()
+    clock, lease = lease_of()
     for k in range(1, 11):
         clock.s = 0.05 * k
         lease.beat("ana", k, age_s=0.0 if k < 3 else clock.s)
@@ -46,14 +46,14 @@ def test_rt13_ne4_who_looks_at_a_frozen_picture_loses_the_vehicle():
 
 
 def test_rt13_a_slow_way_is_allowed_for():
-    _, lease = held()
+    _, lease = lease_of()
     assert not lease.beat("ana", 1, age_s=0.4)
     assert lease.beat("ana", 2, age_s=0.4, way_s=0.15)
     assert not lease.beat("ana", 3, age_s=float("nan"), way_s=0.15)
 
 
 def test_rt14_a_second_driver_is_reported_who_drives_and_may_be_given_the_vehicle():
-    _, lease = held()
+    _, lease = lease_of()
     with pytest.raises(SafetyStop) as error:
         lease.take("luis", "luis")
     assert error.value.diagnostic.figures["name"] == "ana"
@@ -78,29 +78,29 @@ def test_rt14_a_second_driver_is_reported_who_drives_and_may_be_given_the_vehicl
 )  # fmt: skip
 def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
     clock = Clock()
-    lease, counted = Lease(clock), []
+    lease, counted_drivers = Lease(clock), []
     holder, last, n_last = None, float("-inf"), 0
-    for who, word, n, age, later in words:
+    for driver, word, n, age, later in words:
         clock.s += later
         if holder is not None and clock.s > last + HOLDS_S:
             holder = None
         if word == "take":
-            if holder in (None, who):
-                lease.take(who, who)
-                holder, last, n_last = who, clock.s, 0
+            if holder in (None, driver):
+                lease.take(driver, driver)
+                holder, last, n_last = driver, clock.s, 0
             else:
                 with pytest.raises(SafetyStop):
-                    lease.take(who, who)
+                    lease.take(driver, driver)
         elif word == "beat":
-            counts = holder == who and n > n_last and age <= HOLDS_S
-            assert lease.beat(who, n, age) == counts
-            n_last = n if holder == who and n > n_last else n_last
+            counts = holder == driver and n > n_last and age <= HOLDS_S
+            assert lease.beat(driver, n, age) == counts
+            n_last = n if holder == driver and n > n_last else n_last
             last = clock.s if counts else last
-            counted += [who] if counts else []
+            counted_drivers += [driver] if counts else []
         elif word == "left":
-            lease.left(who)
-            holder = None if holder == who else holder
-        elif holder == who:
-            lease.give(who)
+            lease.left(driver)
+            holder = None if holder == driver else holder
+        elif holder == driver:
+            lease.give(driver)
             holder = None
         assert lease.holder == holder

@@ -18,10 +18,10 @@ from tests.web.page_client import WAIT_S, browser, run_page
 def test_hello_says_what_there_is_to_see(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _):
-            assert link.heard[0] == {"do": "watch", "hz": 20.0}
+            assert link.messages[0] == {"do": "watch", "hz": 20.0}
             link.on_word({"is": "routes", "routes": [{"name": "oval"}]})
-            async with browser(server, "es", name="Ana") as one:
-                hello = one.hello
+            async with browser(server, "es", name="Ana") as visitor:
+                hello = visitor.hello
                 assert (hello["mode"], hello["you"], hello["driver"]) == ("live", "Ana", None)
                 assert not hello["shared"]
                 assert hello["vehicle"]["name"] == "small"
@@ -38,14 +38,14 @@ def test_who_comes_late_gets_the_last_minute(tmp_path):
         async with live_page(tmp_path) as (server, link, live):
             for k in range(80):
                 link.frame(float(k), 100, **{"eta.x": k})
-            async with browser(server) as one:
-                await until_frames(one, 1)
-                rows = one.rows(0, len(COLUMNS))
+            async with browser(server) as visitor:
+                await until_frames(visitor, 1)
+                rows = visitor.rows(0, len(COLUMNS))
                 assert rows[0, 0] >= 79 - KEPT_S
                 assert len(rows) == 61 * 100
-                await one.say("history", **{"from": 75.0})
-                await until_frames(one, 2)
-                assert one.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
+                await visitor.say("history", **{"from": 75.0})
+                await until_frames(visitor, 2)
+                assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
             link.frame(0.01)  # another drive begins
             head, *rows = live.feed.history()
             assert HEAD.unpack(head)[1] == len(rows) == 1
@@ -53,13 +53,13 @@ def test_who_comes_late_gets_the_last_minute(tmp_path):
     run_page(job)
 
 
-async def until_frames(one, count):
+async def until_frames(visitor, count):
     """Hear until so many frames have come."""
     async with asyncio.timeout(WAIT_S):
-        while len(one.frames) < count:
-            data = await one.line.recv()
+        while len(visitor.frames) < count:
+            data = await visitor.line.recv()
             if isinstance(data, bytes):
-                one.frames.append(data)
+                visitor.frames.append(data)
 
 
 def test_frames_are_float32_in_the_order_of_the_fields():
@@ -101,12 +101,12 @@ def test_the_page_hands_on_each_beat_of_the_driver_and_makes_none(tmp_path):
                 link.frame(0.05 * n)
                 await ana.say("beat", n=n, seen=live.feed.number, u=[0.1 * n])
                 await luis.say("beat", n=n, seen=live.feed.number, u=[-1.0])
-                await until(lambda n=n: len(link.told("hand")) == n)
-            assert [word["u"] for word in link.told("hand")] == [[0.1 * n] for n in range(1, 6)]
+                await until(lambda n=n: len(link.requests("hand")) == n)
+            assert [word["u"] for word in link.requests("hand")] == [[0.1 * n] for n in range(1, 6)]
             await ana.say("beat", n=5, seen=live.feed.number, u=[1.0])
             await ana.say("beat", n=4, seen=live.feed.number, u=[1.0])
             await ana.next("lease", where=lambda word: word["who"] is None)  # she fell silent
-            assert len(link.told("hand", "beat")) == 5
+            assert len(link.requests("hand", "beat")) == 5
 
     run_page(job)
 
@@ -115,13 +115,13 @@ def test_a_driver_with_a_frozen_picture_is_not_handed_on(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live), browser(server) as ana:
             await ana.say("take")
-            seen, n = live.feed.number, 0
+            frame, n = live.feed.number, 0
             while live.lease.holder is not None or n == 0:
                 n += 1
                 link.frame(0.05 * n)
-                await ana.say("beat", n=n, seen=seen, u=[1.0])
+                await ana.say("beat", n=n, seen=frame, u=[1.0])
                 await asyncio.sleep(0.05)
-            assert len(link.told("hand")) < 16  # 0.3 s, and as much as the way may take
+            assert len(link.requests("hand")) < 16  # 0.3 s, and as much as the way may take
             assert n > 2
 
     run_page(job)
@@ -134,7 +134,7 @@ def test_a_beat_that_is_not_a_command_is_refused(tmp_path, u):
             await ana.say("take")
             await ana.say("beat", n=1, seen=0, u=u)
             assert (await ana.next("no"))["to"] == "beat"
-            assert not link.told("hand")
+            assert not link.requests("hand")
 
     run_page(job)
 
@@ -151,18 +151,18 @@ def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
                 await driver.say("take")
                 await viewer.say("stop")
                 assert (await viewer.next("no"))["code"] == "web.role"
-                assert not link.told("stop")
+                assert not link.requests("stop")
                 await stopper.say("take")
                 assert (await stopper.next("no"))["code"] == "web.role"
                 await stopper.say("stop")
-                await until(lambda: link.told("stop"))
-                why = link.told("stop")[0]["why"]
-                assert (why.code, why.figures["words"]) == (StopReason.STOPPED_BY, "eva")
-                link.state("STOPPED", why=why)
-                for one in (driver, stopper, viewer):
+                await until(lambda: link.requests("stop"))
+                reason = link.requests("stop")[0]["why"]
+                assert (reason.code, reason.figures["words"]) == (StopReason.STOPPED_BY, "eva")
+                link.state("STOPPED", why=reason)
+                for visitor in (driver, stopper, viewer):
                     assert (
                         "eva"
-                        in (await one.next("state", where=lambda w: w["state"] == "STOPPED"))["sentence"]
+                        in (await visitor.next("state", where=lambda w: w["state"] == "STOPPED"))["sentence"]
                     )
 
     run_page(job)
@@ -177,7 +177,7 @@ MOVING = (
 def test_nothing_that_moves_the_vehicle_is_done_without_the_lease(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana, browser(server) as luis:
-            before = len(link.heard)
+            before = len(link.messages)
             for holder in (False, True):
                 if holder:
                     await ana.say("take")
@@ -186,7 +186,7 @@ def test_nothing_that_moves_the_vehicle_is_done_without_the_lease(tmp_path):
                     await luis.say(word, **more)
                     no = await luis.next("no")
                     assert (no["code"], no["to"]) == ("web.lease-needed", word)
-            assert len(link.heard) == before
+            assert len(link.messages) == before
 
     run_page(job)
 
@@ -198,17 +198,17 @@ def test_missions_are_asked_for_by_name_alone(tmp_path):
             await ana.say(
                 "mission", kind="repeat", route="oval", laps=3, mission="{}", do="stop", by="me", seed=1
             )
-            await until(lambda: link.told("mission"))
-            asked = link.told("mission")[0]
+            await until(lambda: link.requests("mission"))
+            mission = link.requests("mission")[0]
             assert {
                 "kind": "repeat",
                 "route": "oval",
                 "laps": 3,
                 "by": "page",
                 "attended": True,
-            }.items() <= asked.items()
-            assert "mission" not in asked
-            assert "seed" not in asked
+            }.items() <= mission.items()
+            assert "mission" not in mission
+            assert "seed" not in mission
             for wrong in (
                 {"kind": "fly"},
                 {"kind": "repeat", "route": 3},
@@ -218,7 +218,7 @@ def test_missions_are_asked_for_by_name_alone(tmp_path):
                 await ana.say("take")
                 await ana.say("mission", **wrong)
                 assert (await ana.next("no"))["to"] == "mission"
-            assert len(link.told("mission")) == 1
+            assert len(link.requests("mission")) == 1
             link.on_word(
                 {"is": "no", "why": "no such route", "about": note("door.no-route", found="oval", known=[])}
             )
@@ -244,7 +244,7 @@ def test_the_vehicle_is_handed_over_by_name(tmp_path):
             await ana.say("give", to="luis")
             assert (await luis.next("lease", where=lambda word: word["you"]))["who"] == "luis"
             await luis.say("beat", n=1, seen=live.feed.number, u=[0.3])
-            await until(lambda: link.told("hand"))
+            await until(lambda: link.requests("hand"))
             await luis.line.close()
             await until(lambda: live.lease.holder is None)
 
@@ -260,7 +260,7 @@ def test_a_browser_that_goes_takes_its_lease_with_it(tmp_path):
                 ana.line.transport.abort()
                 await until(lambda: not server.visitors)
             assert live.lease.holder is None
-            assert not link.told("hand")
+            assert not link.requests("hand")
 
     run_page(job)
 
@@ -268,7 +268,7 @@ def test_a_browser_that_goes_takes_its_lease_with_it(tmp_path):
 def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
     async def job():
         page = live_page(tmp_path)
-        async with page as (server, link, _), browser(server, "es") as uno, browser(server, "en") as one:
+        async with page as (server, link, _), browser(server, "es") as uno, browser(server, "en") as english:
             link.on_word(
                 {"is": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0, 1], "y": [0, 1]}
             )
@@ -282,17 +282,17 @@ def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
                 }
             )
             link.state("MISSION", mission="repeat", laps=3, left_s=12.0, t_s=9.0, pace=1.0, paused=False)
-            said = await one.next("state", where=lambda word: word["state"] == "MISSION")
-            assert (said["lap"], said["laps"], said["mission"]) == (
+            state = await english.next("state", where=lambda word: word["state"] == "MISSION")
+            assert (state["lap"], state["laps"], state["mission"]) == (
                 2,
                 3,
                 {"kind": "repeat", "route": "oval"},
             )
-            assert said["title"] == "REPEATING"
-            assert "Lap 2 of 3" in said["sentence"]
-            assert "1.2 cm" in said["sentence"]
-            assert "NIS 4.0" in said["sentence"]
-            assert (said["severity"], len(said["odd"])) == ("warning", 1)
+            assert state["title"] == "REPEATING"
+            assert "Lap 2 of 3" in state["sentence"]
+            assert "1.2 cm" in state["sentence"]
+            assert "NIS 4.0" in state["sentence"]
+            assert (state["severity"], len(state["odd"])) == ("warning", 1)
             assert (
                 "1,2 cm"
                 in (await uno.next("state", where=lambda word: word["state"] == "MISSION"))["sentence"]
@@ -303,10 +303,10 @@ def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
 
 def test_another_vehicle_is_reported_by_another_hello(tmp_path):
     async def job():
-        async with live_page(tmp_path) as (server, link, _), browser(server) as one:
+        async with live_page(tmp_path) as (server, link, _), browser(server) as visitor:
             link.on_word(VEHICLE | {"name": "car"})
             link.on_word({"is": "fields", "names": ["t", "battery"], "units": ["s", "V"]})
-            hello = await one.next("hello")
+            hello = await visitor.next("hello")
             assert hello["vehicle"]["name"] == "car"
             assert [field["label"] for field in hello["fields"]] == ["time", "battery"]
 
@@ -316,18 +316,18 @@ def test_another_vehicle_is_reported_by_another_hello(tmp_path):
 def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
     async def job():
         page = live_page(tmp_path)
-        async with page as (server, link, live), browser(server) as stalled, browser(server) as one:
+        async with page as (server, link, live), browser(server) as stalled, browser(server) as visitor:
             stalled.line.transport.pause_reading()
             for k in range(1500):
                 link.frame(0.05 * k, 5)
                 await asyncio.sleep(0)
             newest = live.feed.number
             while True:
-                data = await asyncio.wait_for(one.line.recv(), WAIT_S)
+                data = await asyncio.wait_for(visitor.line.recv(), WAIT_S)
                 if isinstance(data, bytes) and HEAD.unpack(data[:16])[0] == newest:
                     break
-            held = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
-            assert max(held) < 1 << 20
+            buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
+            assert max(buffers) < 1 << 20
             stalled.line.transport.abort()
 
     run_page(job)
@@ -335,13 +335,13 @@ def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
 
 def test_a_service_that_ends_is_reported_to_everybody(tmp_path):
     async def job():
-        async with live_page(tmp_path) as (server, link, live), browser(server) as one:
+        async with live_page(tmp_path) as (server, link, live), browser(server) as visitor:
             link.gone = True
-            await one.say("stop")
-            assert (await one.next("no"))["code"] == "web.service-gone"
+            await visitor.say("stop")
+            assert (await visitor.next("no"))["code"] == "web.service-gone"
             live._state = {"is": "state", "state": "STOPPED", "why": stop(StopReason.SERVICE_ENDED)}
             live._changed = True
-            assert (await one.next("state", where=lambda word: word["state"] == "STOPPED"))[
+            assert (await visitor.next("state", where=lambda word: word["state"] == "STOPPED"))[
                 "severity"
             ] == "error"
 
@@ -364,8 +364,8 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
             async with browser(server) as ana:
                 assert ana.hello["routes"] == ["oval"]
                 for kind, more in (("repeat", {"route": "oval", "laps": 2}), ("drive", {})):
-                    await driven(ana, link, kind, **more)
-                    mission = Mission.of_json(link.told("mission")[-1]["mission"])
+                    await drive_page(ana, link, kind, **more)
+                    mission = Mission.of_json(link.requests("mission")[-1]["mission"])
                     assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
                     assert 'name = "small"' in mission.vehicle
                 for kind, more in (("repeat", {"route": "../oval"}), ("teach", {})):
@@ -377,13 +377,13 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
     run_page(job)
 
 
-async def driven(one, link, kind, **more):
+async def drive_page(visitor, link, kind, **more):
     """Ask for a mission, and beat until it is packed."""
-    before, n = len(link.told("mission")), 0
-    await one.say("take")
-    await one.say("mission", kind=kind, **more)
+    before, n = len(link.requests("mission")), 0
+    await visitor.say("take")
+    await visitor.say("mission", kind=kind, **more)
     async with asyncio.timeout(WAIT_S):
-        while len(link.told("mission")) == before:
+        while len(link.requests("mission")) == before:
             n += 1
-            await one.say("beat", n=n, seen=0, u=[0.0])
+            await visitor.say("beat", n=n, seen=0, u=[0.0])
             await asyncio.sleep(0.05)

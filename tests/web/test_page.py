@@ -5,8 +5,8 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import LIVE, PAGE, READY, opened, until
-from tests.web.scripted import RADIUS, Scripted
+from tests.web.screens import LIVE, PAGE, READY, open_page, until
+from tests.web.scripted import RADIUS, ScriptedServer
 
 FRAME_MS = 8.0
 
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo a
 
 @pytest.mark.parametrize("screen", LIVE)
 def test_space_stops_on_every_screen_without_the_lease(tab, live, screen):
-    opened(tab, live, screen=screen)
+    open_page(tab, live, screen=screen)
     tab.press(" ", "Space", " ")
     until(lambda: live.words("stop"))
     tab.wait("document.getElementById('title').textContent === 'STOPPED'")
@@ -23,7 +23,7 @@ def test_space_stops_on_every_screen_without_the_lease(tab, live, screen):
 
 
 def test_space_on_a_button_stops_and_does_not_press_it(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.js("document.getElementById('lease').focus()")
     tab.press(" ", "Space", " ")
     until(lambda: live.words("stop"))
@@ -32,7 +32,7 @@ def test_space_on_a_button_stops_and_does_not_press_it(tab, live):
 
 def test_a_touch_of_the_stop_is_enough_and_it_stands_at_the_same_place(tab, live):
     places = set()
-    opened(tab, live)
+    open_page(tab, live)
     for screen in LIVE:
         tab.click(f"#tab-{screen}")
         places.add(tab.middle("#stop"))
@@ -44,13 +44,13 @@ def test_a_touch_of_the_stop_is_enough_and_it_stands_at_the_same_place(tab, live
 
 
 def test_a_recorded_run_shows_no_stop(tab, replay):
-    opened(tab, replay)
+    open_page(tab, replay)
     assert tab.js("document.getElementById('stop').hidden")
 
 
 def test_keys_drive_while_held_and_beats_name_the_frame_drawn(tab, live):
     live.state, live.kind = "MANUAL", "drive"
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
     tab.down("w", "KeyW", "w")
@@ -60,14 +60,14 @@ def test_keys_drive_while_held_and_beats_name_the_frame_drawn(tab, live):
     tab.up("a", "KeyA")
     until(lambda: live.words("beat")[-1]["u"] == [0, 0, 0])
     beats = live.words("beat")
-    numbers, seen = [one["n"] for one in beats], [one["seen"] for one in beats]
+    numbers, frames = [beat["n"] for beat in beats], [beat["seen"] for beat in beats]
     assert numbers == sorted(set(numbers))
-    assert seen == sorted(seen)
-    until(lambda: live.words("beat")[-1]["seen"] > seen[0])
+    assert frames == sorted(frames)
+    until(lambda: live.words("beat")[-1]["seen"] > frames[0])
 
 
 def test_a_frozen_picture_is_not_claimed_as_new(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
     live.frozen = True
@@ -79,7 +79,7 @@ def test_a_frozen_picture_is_not_claimed_as_new(tab, live):
 
 
 def test_without_the_lease_keys_drive_nothing(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("w", "KeyW", "w", hold_s=0.3)
     assert not live.words("beat")
 
@@ -88,7 +88,7 @@ def test_without_the_lease_keys_drive_nothing(tab, live):
     "leaves", ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]
 )
 def test_who_leaves_with_a_key_held_stands_still_and_gives(tab, live, leaves):
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
     tab.down("w", "KeyW", "w")
@@ -100,7 +100,7 @@ def test_who_leaves_with_a_key_held_stands_still_and_gives(tab, live, leaves):
 
 
 def test_the_pad_drives_and_springs_back(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
     x, y = tab.middle(".pad")
@@ -114,7 +114,7 @@ def test_the_pad_drives_and_springs_back(tab, live):
 
 def test_a_mission_is_asked_for_by_its_name(tab, live):
     live.state, live.kind = "READY", ""
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")
     tab.press("r", "KeyR", "r")
@@ -123,9 +123,9 @@ def test_a_mission_is_asked_for_by_its_name(tab, live):
 
 
 def test_a_real_vehicle_wants_a_hold(tab):
-    with Scripted("live", world="real") as live:
+    with ScriptedServer("live", world="real") as live:
         live.state, live.kind = "READY", ""
-        opened(tab, live)
+        open_page(tab, live)
         tab.press("l", "KeyL", "l")
         tab.wait(f"{PAGE}.hand.mine")
         tab.press("t", "KeyT", "t", hold_s=0.2)
@@ -136,7 +136,7 @@ def test_a_real_vehicle_wants_a_hold(tab):
 
 
 def test_a_lost_connection_is_reported_and_mended(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")
     live.drop()
@@ -146,15 +146,15 @@ def test_a_lost_connection_is_reported_and_mended(tab, live):
 
 
 def test_the_scrub_bar_by_pointer_and_by_keys(tab, replay):
-    opened(tab, replay)
+    open_page(tab, replay)
     at = "Number(document.querySelector('.scrub').getAttribute('aria-valuenow'))"
     x, y = tab.middle(".scrub")
     tab.mouse("mousePressed", x, y)
     tab.mouse("mouseReleased", x, y)
     tab.wait(f"Math.abs({at} - 20.8) < 0.3")
-    begun = tab.js(at)
+    start_time = tab.js(at)
     tab.press("ArrowRight")
-    tab.wait(f"Math.abs({at} - {begun} - 0.01) < 0.006")
+    tab.wait(f"Math.abs({at} - {start_time} - 0.01) < 0.006")
     tab.press("Home")
     tab.wait(f"{at} === 0")
     tab.press("ArrowRight", shift=True)
@@ -167,7 +167,7 @@ def test_the_scrub_bar_by_pointer_and_by_keys(tab, replay):
 
 
 def test_a_run_plays_at_the_pace_that_is_asked_for(tab, replay):
-    opened(tab, replay)
+    open_page(tab, replay)
     for _ in range(2):
         tab.press("]", "BracketRight", "]")
     tab.press("k", "KeyK", "k")
@@ -175,13 +175,13 @@ def test_a_run_plays_at_the_pace_that_is_asked_for(tab, replay):
     tab.wait(f"{PAGE}.screens.replay.now_s > 8")
     assert 1.5 < time.monotonic() - began < 4.0  # 8 s at 4 ×
     tab.press(" ", "Space", " ")
-    held = tab.js(f"{PAGE}.screens.replay.now_s")
+    time_s = tab.js(f"{PAGE}.screens.replay.now_s")
     time.sleep(0.3)
-    assert tab.js(f"{PAGE}.screens.replay.now_s") == held
+    assert tab.js(f"{PAGE}.screens.replay.now_s") == time_s
 
 
 def test_the_vehicle_stands_where_the_row_says(tab, replay):
-    opened(tab, replay)
+    open_page(tab, replay)
     tab.js(f"{PAGE}.screens.replay.seek(20)")
     time.sleep(0.3)
     place = tab.js(
@@ -196,8 +196,8 @@ def test_the_vehicle_stands_where_the_row_says(tab, replay):
 
 
 def test_a_ghost_is_paired_by_distance_or_by_time(tab):
-    with Scripted("replay", ghost=True) as server:
-        opened(tab, server)
+    with ScriptedServer("replay", ghost=True) as server:
+        open_page(tab, server)
         tab.wait(f"Boolean({PAGE}.ghost)")
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4")
         assert tab.js("document.querySelector('.compare tbody td.better').textContent").startswith("2.")
@@ -206,8 +206,8 @@ def test_a_ghost_is_paired_by_distance_or_by_time(tab):
 
 def test_what_others_named_is_text(tab):
     hostile = "<img src=x onerror=alert(1)>"
-    with Scripted("live", name=hostile) as server:
-        opened(tab, server)
+    with ScriptedServer("live", name=hostile) as server:
+        open_page(tab, server)
         server.put({"is": "event", "t": 1.0, "severity": "warning", "text": hostile})
         tab.wait(f"document.getElementById('toast').textContent === {hostile!r}")
         assert tab.js("document.getElementById('vehicle').textContent") == hostile
@@ -216,7 +216,7 @@ def test_what_others_named_is_text(tab):
 
 
 def test_language_and_theme_change_in_place(tab, live):
-    opened(tab, live)
+    open_page(tab, live)
     tab.click("#language")
     tab.wait("document.getElementById('stop-word').textContent === 'ALTO'")
     tab.wait("document.querySelector('#tab-drive')?.textContent === 'Conducir'")
@@ -235,7 +235,7 @@ def test_the_token_leaves_the_address(tab, live):
 
 def test_a_picture_of_eight_strips_and_the_map_costs_little(tab, live):
     """The best of many: other work of this machine is not the page's."""
-    opened(tab, live)
+    open_page(tab, live)
     tab.js(f"{PAGE}.screen.span = 60")
     best = tab.js(
         f"(() => {{ let best = 1e9; for (let k = 0; k < 40; k++) {{ const began = performance.now();"

@@ -22,7 +22,7 @@ from baqueano.web.feed import HEAD
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM, Chromium
 from tests.web.page_client import WAIT_S, Browser, run_page
-from tests.web.test_in_browser import PRESS, START_S, shown
+from tests.web.test_in_browser import PRESS, START_S, show_text
 from tests.web.test_serve import Watcher, beats, port_of, program
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
@@ -41,13 +41,13 @@ async def looking(port, **hello):
     async with connect(
         f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
     ) as line:
-        one = Browser(line)
-        await one.say("hello", lang="en", **hello)
-        one.hello = await one.next("hello")
-        yield one
+        visitor = Browser(line)
+        await visitor.say("hello", lang="en", **hello)
+        visitor.hello = await visitor.next("hello")
+        yield visitor
 
 
-def ended(verb, within_s=WAIT_S):
+def exit_code_of(verb, within_s=WAIT_S):
     """Return the exit code of a verb."""
     assert verb.stderr is not None
     verb.stderr.read()
@@ -56,21 +56,21 @@ def ended(verb, within_s=WAIT_S):
 
 def processes_of(group):
     """Return the processes that were started by this one, and by those: their ids."""
-    found, grown = {group}, True
-    while grown:
-        grown = False
+    group_ids, is_growing = {group}, True
+    while is_growing:
+        is_growing = False
         for status in Path("/proc").glob("[0-9]*/stat"):
             try:
                 words = status.read_text().rpartition(")")[2].split()
             except OSError:
                 continue
-            if int(words[1]) in found and int(status.parent.name) not in found and words[0] != "Z":
-                found.add(int(status.parent.name))
-                grown = True
-    return found - {group}
+            if int(words[1]) in group_ids and int(status.parent.name) not in group_ids and words[0] != "Z":
+                group_ids.add(int(status.parent.name))
+                is_growing = True
+    return group_ids - {group}
 
 
-def gone(pids, within_s=10.0):
+def all_gone(pids, within_s=10.0):
     """Return True once none of these runs."""
     end = time.monotonic() + within_s
     while any(alive(pid) for pid in pids):
@@ -94,18 +94,18 @@ def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
         port = port_of(verb)
 
         async def job():
-            async with looking(port) as one:
-                assert one.hello["vehicle"]["world"] == "simulated"
-                state = await one.next("state", where=lambda word: word["state"] == "OVER")
+            async with looking(port) as visitor:
+                assert visitor.hello["vehicle"]["world"] == "simulated"
+                state = await visitor.next("state", where=lambda word: word["state"] == "OVER")
                 assert "runs" in state["sentence"]
                 with pytest.raises(Exception, match="1000"):
-                    await one.next("never")
-                rows = one.rows(0, len(one.hello["fields"]))
+                    await visitor.next("never")
+                rows = visitor.rows(0, len(visitor.hello["fields"]))
                 assert 0.0 < rows[-1, 0] < 2.02  # the last frame may show the stop
-                assert np.isfinite(rows[-1, [f["name"] for f in one.hello["fields"]].index("truth.x")])
+                assert np.isfinite(rows[-1, [f["name"] for f in visitor.hello["fields"]].index("truth.x")])
 
         run_page(job)
-        assert ended(verb) == 0
+        assert exit_code_of(verb) == 0
     subprocess.run(
         [sys.executable, "-m", "baqueano", "experiment", *TWO_S], cwd=tmp_path / "without", env=PLAIN, check=True,
         capture_output=True,
@@ -119,14 +119,14 @@ def test_a_lesson_with_a_page_is_seen_and_its_route_is_stored(tmp_path):
         port = port_of(verb)
 
         async def job():
-            async with looking(port) as one:
-                state = await one.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
+            async with looking(port) as visitor:
+                state = await visitor.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
                 assert state["mission"]["kind"] == "teach"
-                await one.next("state", where=lambda word: word["state"] == "OVER")
-                assert one.frames
+                await visitor.next("state", where=lambda word: word["state"] == "OVER")
+                assert visitor.frames
 
         run_page(job)
-        assert ended(verb) == 0
+        assert exit_code_of(verb) == 0
     assert read_route(tmp_path / "routes" / "ring.csv").closed
 
 
@@ -137,46 +137,48 @@ def test_a_stop_on_the_page_ends_the_verb_as_a_stop_does(tmp_path):
         port = port_of(verb)
 
         async def job():
-            async with looking(port, name="eva") as one:
-                await one.next(
+            async with looking(port, name="eva") as visitor:
+                await visitor.next(
                     "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
                 )
-                await one.say("mission", kind="drive")
-                assert (await one.next("no"))["to"] == "mission"
-                await one.say("stop")
-                await one.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
+                await visitor.say("mission", kind="drive")
+                assert (await visitor.next("no"))["to"] == "mission"
+                await visitor.say("stop")
+                await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(job)
-        assert ended(verb) == 5
-    why = stop_of(read_run(tmp_path / "run.mcap"))
-    assert why.code == StopReason.STOPPED_BY
-    assert why.figures["words"] == "eva"
+        assert exit_code_of(verb) == 5
+    reason = stop_of(read_run(tmp_path / "run.mcap"))
+    assert reason.code == StopReason.STOPPED_BY
+    assert reason.figures["words"] == "eva"
 
 
 def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
-    for how, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
+    for signal_number, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
         with program(
             "baqueano", "experiment", "--vehicle", "small", "--page", cwd=tmp_path, env=PLAIN
         ) as verb:
             port = port_of(verb)
 
             async def job(port=port):
-                async with looking(port) as one:
-                    await one.next("state", where=lambda word: word["state"] == "MISSION")
-                    await one.say("take")
-                    beating = asyncio.create_task(beats(one))
-                    await one.say("pause")
-                    await one.next("state", where=lambda word: word["paused"])  # Ctrl-C ends it all the same
+                async with looking(port) as visitor:
+                    await visitor.next("state", where=lambda word: word["state"] == "MISSION")
+                    await visitor.say("take")
+                    beating = asyncio.create_task(beats(visitor))
+                    await visitor.say("pause")
+                    await visitor.next(
+                        "state", where=lambda word: word["paused"]
+                    )  # Ctrl-C ends it all the same
                     beating.cancel()
 
             run_page(job)
             children = processes_of(verb.pid)
             assert children
-            verb.send_signal(how)
-            found = ended(verb)
-            assert found == (code if code is not None else found)
-            assert gone(children)
-            if how == signal.SIGINT:
+            verb.send_signal(signal_number)
+            code_of_end = exit_code_of(verb)
+            assert code_of_end == (code if code is not None else code_of_end)
+            assert all_gone(children)
+            if signal_number == signal.SIGINT:
                 plain = subprocess.Popen(
                     [sys.executable, "-m", "baqueano", "experiment", "--vehicle", "small", "--seconds", "600"],
                     cwd=tmp_path, env=PLAIN, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL,
@@ -184,28 +186,30 @@ def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
                 time.sleep(6.0)
                 plain.send_signal(signal.SIGINT)
                 plain.communicate()
-                assert found == plain.returncode
+                assert code_of_end == plain.returncode
 
 
 async def at_the_wheel(port, then):
     """Take the wheel on the page of `drive`, drive ahead for a while, then do `then`."""
-    async with looking(port, name="ana") as one:
-        await one.say("take")
-        beating = asyncio.create_task(ahead(one))
+    async with looking(port, name="ana") as visitor:
+        await visitor.say("take")
+        beating = asyncio.create_task(ahead(visitor))
         try:
-            await one.say("mission", kind="drive")
-            await one.next("state", where=lambda word: word["state"] == "MANUAL" and (word["t_s"] or 0) > 1.0)
-            await then(one)
+            await visitor.say("mission", kind="drive")
+            await visitor.next(
+                "state", where=lambda word: word["state"] == "MANUAL" and (word["t_s"] or 0) > 1.0
+            )
+            await then(visitor)
         finally:
             beating.cancel()
 
 
-async def ahead(one):
+async def ahead(visitor):
     n = 0
     while True:
         n += 1
-        seen = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
-        await one.say("beat", n=n, seen=seen, u=[0.6, 0.0, 0.0])
+        frame = HEAD.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
+        await visitor.say("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
         await asyncio.sleep(0.04)
 
 
@@ -215,34 +219,34 @@ def test_the_page_of_drive_has_the_wheel_and_ends_the_drive(tmp_path):
     ) as verb:
         port = port_of(verb)
 
-        async def end(one):
-            await one.say("mark")
+        async def end(visitor):
+            await visitor.say("mark")
             await asyncio.sleep(0.3)
-            await one.say("end")
-            await one.next("state", where=lambda word: word["state"] == "OVER")
+            await visitor.say("end")
+            await visitor.next("state", where=lambda word: word["state"] == "OVER")
 
         run_page(lambda: at_the_wheel(port, end))
-        assert ended(verb) == 0
+        assert exit_code_of(verb) == 0
     run = read_run(tmp_path / "run.mcap")
     assert run.truth.eta[-1, 0] > 0.2
     assert len([event for event in run.events if event.source == "mark"]) == 1
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, how):
+@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, signal_number):
     with program(
         "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
     ) as verb:
         port = port_of(verb)
         children = processes_of(verb.pid)
 
-        async def dies(one):
+        async def dies(visitor):
             for pid in children:
-                os.kill(pid, how)
+                os.kill(pid, signal_number)
 
         run_page(lambda: at_the_wheel(port, dies))
-        assert ended(verb) == 5
-        assert gone(children)
+        assert exit_code_of(verb) == 5
+        assert all_gone(children)
     run = read_run(tmp_path / "run.mcap")
     assert stop_of(run).code == StopReason.HOLDER_SILENT
     assert stop_of(run).figures["silent_ms"] <= 500.0
@@ -263,15 +267,17 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_verb(tmp_path):
             port = port_of(verb)
 
             async def job():
-                async with looking(port) as one:
-                    await one.next("state", where=lambda word: word["state"] == "MISSION" and one.frames)
-                    begun = time.monotonic()
-                    await one.say("stop")
+                async with looking(port) as visitor:
+                    await visitor.next(
+                        "state", where=lambda word: word["state"] == "MISSION" and visitor.frames
+                    )
+                    start_s = time.monotonic()
+                    await visitor.say("stop")
                     _, came = await asyncio.to_thread(watcher.state, "STOPPED")
-                    assert came - begun < 2.0  # the machine may be busy
+                    assert came - start_s < 2.0  # the machine may be busy
 
             run_page(job)
-            assert ended(verb) == 5
+            assert exit_code_of(verb) == 5
         watcher.close()
     assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_BY
 
@@ -287,11 +293,11 @@ def test_the_page_of_drive_drives_a_robot(tmp_path):
     ) as verb:  # fmt: skip
         port = port_of(verb)
 
-        async def silent(one):
+        async def silent(visitor):
             """Stand there and say nothing, as a hidden tab does: the caller ends the beats."""
 
         run_page(lambda: at_the_wheel(port, silent))
-        assert ended(verb) == 5
+        assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
     assert stop_of(run).code == StopReason.HOLDER_SILENT
     assert run.truth.eta[-1, 0] > 0.2
@@ -305,13 +311,13 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
     ) as verb:  # fmt: skip
         port = port_of(verb)
 
-        async def end(one):
-            assert one.hello["vehicle"]["world"] == "emulated"
-            await one.say("stop")
-            await one.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
+        async def end(visitor):
+            assert visitor.hello["vehicle"]["world"] == "emulated"
+            await visitor.say("stop")
+            await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(lambda: at_the_wheel(port, end))
-        assert ended(verb) == 5
+        assert exit_code_of(verb) == 5
     run = read_run(tmp_path / "run.mcap")
     assert np.max(run.truth.eta[:, 0]) > 0.1
     assert not run.applied[-1].any()
@@ -336,10 +342,10 @@ def test_a_repetition_is_seen_and_stopped_in_a_browser_and_replayed_beside_its_g
         ) as verb:
             tab = chromium.tab()
             tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
-            shown(tab, "REPEATING")
-            shown(tab, "from its route")
+            show_text(tab, "REPEATING")
+            show_text(tab, "from its route")
             tab.js(PRESS.format(name="STOP"))
-            assert ended(verb) == 5
+            assert exit_code_of(verb) == 5
             tab.wait("baqueano.page.state.state === 'OVER'", START_S)
             time.sleep(1.0)
             assert not tab.js("baqueano.page.link.tries")  # nobody knocks at a door that has gone
@@ -348,7 +354,7 @@ def test_a_repetition_is_seen_and_stopped_in_a_browser_and_replayed_beside_its_g
         with program("baqueano", "replay", "last", "--page", cwd=tmp_path, env=PLAIN) as verb:
             tab = chromium.tab()
             tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
-            shown(tab, "(ghost)")
+            show_text(tab, "(ghost)")
             assert not tab.errors
             tab.close()
-            assert ended(verb) == 0
+            assert exit_code_of(verb) == 0

@@ -21,7 +21,7 @@ from baqueano.web.lab.recorded import recorded
 from tests.web.page_client import drive, folder_of, run_page
 
 
-async def played(playback, paths):
+async def play(playback, paths):
     """Return the words of a playback."""
     words = []
     for path in [*paths, None]:
@@ -35,7 +35,7 @@ def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
 
     async def job():
         lab = Lab()
-        words = await played(
+        words = await play(
             RunPlayer(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
         )
         await lab.close()
@@ -62,9 +62,9 @@ def test_a_stop_and_a_pause_hold_it_and_the_pace_changes(tmp_path):
             await asyncio.sleep(0.01)
         playback.say("stop", why=stop(StopReason.STOPPED_BY, words="eva"))
         await asyncio.sleep(0.2)
-        held = sum(word["is"] == "frame" for word in words)
+        frames = sum(word["is"] == "frame" for word in words)
         await asyncio.sleep(0.3)
-        assert sum(word["is"] == "frame" for word in words) == held
+        assert sum(word["is"] == "frame" for word in words) == frames
         assert [word["state"] for word in words if word["is"] == "state"][-1] == "STOPPED"
         playback.say("clear")
         playback.say("pace", factor=50.0)
@@ -89,7 +89,7 @@ def test_nobody_is_waited_for_twice(tmp_path, monkeypatch):
         lab = Lab()
         playback = RunPlayer(lab, 1.0)
         playback.viewers = lambda: 0
-        words = await played(playback, 2 * [folder / "circle.mcap"])
+        words = await play(playback, 2 * [folder / "circle.mcap"])
         assert not any(word["is"] == "frame" for word in words)
         assert sum(word["is"] == "vehicle" for word in words) == 2
         await lab.close()
@@ -98,17 +98,17 @@ def test_nobody_is_waited_for_twice(tmp_path, monkeypatch):
 
 
 def test_lines_that_are_none_are_left_out():
-    said = note("web.demo-done", verdict="USABLE")
+    message = note("web.demo-done", verdict="USABLE")
     lines = [
         b"no\n",
         b"[]\n",
         b"{}\n",
         json.dumps({"play": "a.mcap"}).encode() + b"\n",
-        json.dumps({"say": said.to_json()}).encode() + b"\n",
+        json.dumps({"say": message.to_json()}).encode() + b"\n",
     ]
-    put = []
-    read(io.BytesIO(b"".join(lines)), put.append)
-    assert [str(put[0]), *put[1:]] == ["a.mcap", said, None]
+    messages = []
+    read(io.BytesIO(b"".join(lines)), messages.append)
+    assert [str(messages[0]), *messages[1:]] == ["a.mcap", message, None]
 
 
 def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
@@ -141,20 +141,18 @@ def test_scenes_lead_from_the_vehicle_to_what_is_known_and_to_the_gains(tmp_path
 
     for name, seconds in (("LOOKS_S", 0.1), ("STAYS_S", 0.2), ("TUNED_S", 0.2)):
         monkeypatch.setattr(module, name, seconds)
-    taught = replace(drive(), metadata={"kind": "experiment"})
-    folder = folder_of(tmp_path / "runs", experiment=taught, repeat=drive())
+    taught_run = replace(drive(), metadata={"kind": "experiment"})
+    folder = folder_of(tmp_path / "runs", experiment=taught_run, repeat=drive())
     gains = {"history": [3.0, 1.0], "before": 3.0, "cost": 1.0, "gains": []}
 
     async def job():
         lab = Lab()
-        words = await played(
-            RunPlayer(lab, 10.0), [folder / "experiment.mcap", gains, folder / "repeat.mcap"]
-        )
+        words = await play(RunPlayer(lab, 10.0), [folder / "experiment.mcap", gains, folder / "repeat.mcap"])
         await lab.close()
         scenes = [word["scene"] for word in words if word["is"] == "state"]
-        shown = [one for k, one in enumerate(scenes) if k == 0 or one != scenes[k - 1]]
-        assert [one["screen"] for one in shown] == ["drive", "identify", "tuned", "drive"]
-        assert shown[2] == {"screen": "tuned"} | gains
+        distinct_scenes = [scene for k, scene in enumerate(scenes) if k == 0 or scene != scenes[k - 1]]
+        assert [scene["screen"] for scene in distinct_scenes] == ["drive", "identify", "tuned", "drive"]
+        assert distinct_scenes[2] == {"screen": "tuned"} | gains
         assert [word["file"] for word in words if word["is"] == "vehicle"] == [
             str(folder / "experiment.mcap"), str(folder / "repeat.mcap"),
         ]  # fmt: skip
@@ -170,12 +168,12 @@ def test_what_was_tuned_is_reported_in_plain_numbers():
         stdin = pipe
 
     gain = Gain("k_x", "1/s", 2.5, math.nan, 0.0, 9.0, 0, 1.1, 1.2)
-    found = SimpleNamespace(
+    tuning = SimpleNamespace(
         history=np.array([[0, 3.0], [0, 4.0], [1, 1.0]]), gains=(gain,), cost=1.0, cost_before=3.0
     )
-    PageOfDrives(Program()).tuned(found)
-    put = []
-    read(io.BytesIO(pipe.getvalue()), put.append)
-    assert put[0]["history"] == [3.0, 3.0, 1.0]  # the least so far
-    assert put[0]["gains"][0]["value"] == 2.5
-    assert put[1] is None
+    PageOfDrives(Program()).tuned(tuning)
+    messages = []
+    read(io.BytesIO(pipe.getvalue()), messages.append)
+    assert messages[0]["history"] == [3.0, 3.0, 1.0]  # the least so far
+    assert messages[0]["gains"][0]["value"] == 2.5
+    assert messages[1] is None

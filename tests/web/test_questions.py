@@ -31,173 +31,175 @@ class MyLaw:
 
 
 @pytest.fixture(scope="module")
-def driven():
+def driven_folder():
     return repeat(load("small"), circle(0.3, 0.2))
 
 
 @pytest.fixture
-def folder(tmp_path, driven, monkeypatch):
+def folder(tmp_path, driven_folder, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_blocks.py").write_text(EKF)
     folder_of(tmp_path / "runs")
-    write_run(driven, tmp_path / "runs" / "round.mcap")
+    write_run(driven_folder, tmp_path / "runs" / "round.mcap")
     return tmp_path / "runs"
 
 
-def served(folder, job):
+def serve_job(folder, job):
     async def whole():
-        async with recorded_page(folder, "round") as server, browser(server) as one:
-            await job(one)
+        async with recorded_page(folder, "round") as server, browser(server) as visitor:
+            await job(visitor)
 
     run_page(whole)
 
 
 def test_gains_come_with_unit_meaning_and_range_and_a_lap_with_its_figures(folder):
-    async def job(one):
-        about = await one.ask("tune")
+    async def job(visitor):
+        about = await visitor.ask("tune")
         assert [gain["name"] for gain in about["gains"]] == ["k_i", "k_x", "k_chi", "join_m"]
         assert about["gains"][1]["unit"] == "1/s"
         assert about["gains"][1]["meaning"]
         assert about["route"] == "run"
         own = [gain["file"] for gain in about["gains"]]
-        lap = await one.ask("lap", gains=own, route="run")
-        weak = await one.ask("lap", gains=[0.0, 0.0, 0.2, 1.0], route="run")
+        lap = await visitor.ask("lap", gains=own, route="run")
+        weak = await visitor.ask("lap", gains=[0.0, 0.0, 0.2, 1.0], route="run")
         assert 0 < lap["rms"] < weak["rms"]
         assert len(lap["x"]) == len(lap["y"]) > 100
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_landscape_is_lowest_where_a_descent_ends(folder):
-    async def job(one):
-        about = await one.ask("tune", route="circle")
+    async def job(visitor):
+        about = await visitor.ask("tune", route="circle")
         own, low, high = ([gain[key] for gain in about["gains"]] for key in ("file", "low", "high"))
         axes = {"a": "k_chi", "b": "join_m", "route": "circle"}
-        land = await one.ask("landscape", gains=own, side=6, **axes)
+        land = await visitor.ask("landscape", gains=own, side=6, **axes)
         assert len(land["costs"]) == 36
-        down = await one.ask("downhill", gains=own, price=0.1, route="circle")
+        down = await visitor.ask("downhill", gains=own, price=0.1, route="circle")
         assert down["cost"] < down["before"]
         assert down["places"][0] != down["places"][-1]
         least = min(c[0] + 0.1 * c[1] for c in land["costs"] if c[0] is not None)
         assert down["cost"] < least * 1.001
         assert all(a <= g <= b for a, g, b in zip(low, down["way"][-1], high, strict=True))
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_the_newest_question_replaces_the_one_before(folder):
-    async def job(one):
-        own = [gain["file"] for gain in (await one.ask("tune"))["gains"]]
+    async def job(visitor):
+        own = [gain["file"] for gain in (await visitor.ask("tune"))["gains"]]
         more = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
         for number, side in ((100, 20), (101, 3)):
-            await one.say("ask", id=number, what="landscape", side=side, **more)
+            await visitor.say("ask", id=number, what="landscape", side=side, **more)
         answers = {}
         while len(answers) < 2:
-            word = await one.next("answer", where=lambda word: word.get("id") in (100, 101))
+            word = await visitor.next("answer", where=lambda word: word.get("id") in (100, 101))
             answers[word["id"]] = word
         assert answers[100]["stale"]
         assert len(answers[101]["costs"]) == 9
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 @pytest.mark.parametrize("gains", [[1.0], ["x", 1, 1, 1], [1e999, 1, 1, 1], None, {"a": 1}])
 def test_what_are_not_gains_is_refused(folder, gains):
-    async def job(one):
-        assert (await one.ask("lap", gains=gains, route="run"))["code"] == "web.not-understood"
+    async def job(visitor):
+        assert (await visitor.ask("lap", gains=gains, route="run"))["code"] == "web.not-understood"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 @pytest.mark.parametrize("route", ["../runs/round", "none", "/etc/passwd"])
 def test_a_route_is_one_of_the_list(folder, route):
-    async def job(one):
-        assert (await one.ask("tune", route=route))["code"] == "door.no-route"
+    async def job(visitor):
+        assert (await visitor.ask("tune", route=route))["code"] == "door.no-route"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_block_is_shown_with_text_parameters_and_cost_and_is_checked(folder):
-    async def job(one):
-        about = await one.ask("block", room="controller")
+    async def job(visitor):
+        about = await visitor.ask("block", room="controller")
         assert about["kind"] == about["of_file"] == "pd_feedforward"
         assert {"lqr", "stanley", "my_blocks.py:MyLaw"} <= set(about["kinds"])
         assert "class PdFeedforward" in about["text"].splitlines()[about["line"]]
-        assert {"k_x", "join_m"} <= {one["name"] for one in about["parameters"]}
+        assert {"k_x", "join_m"} <= {parameter["name"] for parameter in about["parameters"]}
         assert 0 < about["step_us"] < about["tick_us"]
-        assert (await one.ask("check", room="controller"))["findings"] == []
-        assert (await one.ask("check", room="controller", kind="my_blocks.py:MyLaw"))["findings"]
-        mine = await one.ask("block", room="estimator", kind="my_blocks.py:MyEkf")
-        assert mine["name"] == "MyEkf"
+        assert (await visitor.ask("check", room="controller"))["findings"] == []
+        assert (await visitor.ask("check", room="controller", kind="my_blocks.py:MyLaw"))["findings"]
+        own_block = await visitor.ask("block", room="estimator", kind="my_blocks.py:MyEkf")
+        assert own_block["name"] == "MyEkf"
         for room in ("vehicle", "sensors", "supervisor", "guide"):
-            assert (await one.ask("block", room=room))["text"]
+            assert (await visitor.ask("block", room=room))["text"]
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 @pytest.mark.parametrize("kind", ["os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"])
 def test_a_block_that_is_in_no_list_is_never_executed(folder, kind):
-    async def job(one):
-        assert (await one.ask("block", room="estimator", kind=kind))["code"] == "web.no-kind"
-        assert (await one.ask("check", room="estimator", kind=kind))["code"] == "web.no-kind"
-        await one.say("open", run=one.hello["runs"][0]["id"], filter=kind)
-        assert (await one.next("no"))["code"] == "web.no-kind"
+    async def job(visitor):
+        assert (await visitor.ask("block", room="estimator", kind=kind))["code"] == "web.no-kind"
+        assert (await visitor.ask("check", room="estimator", kind=kind))["code"] == "web.no-kind"
+        await visitor.say("open", run=visitor.hello["runs"][0]["id"], filter=kind)
+        assert (await visitor.next("no"))["code"] == "web.no-kind"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
-def test_the_same_data_through_another_filter_is_a_second_set(folder, driven):
-    async def job(one):
-        await one.say("open", run=one.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
-        heads = [await one.next("answer", where=lambda word: word.get("done") is False) for _ in range(2)]
-        await one.next("answer", where=lambda word: word.get("done") and word["stream"] == 2)
+def test_the_same_data_through_another_filter_is_a_second_set(folder, driven_folder):
+    async def job(visitor):
+        await visitor.say("open", run=visitor.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
+        heads = [await visitor.next("answer", where=lambda word: word.get("done") is False) for _ in range(2)]
+        await visitor.next("answer", where=lambda word: word.get("done") and word["stream"] == 2)
         assert [head["filter"] for head in heads] == [None, "my_blocks.py:MyEkf"]
         names = [field["name"] for field in heads[0]["fields"]]
-        rows = [one.rows(stream, len(names)) for stream in (1, 2)]
+        rows = [visitor.rows(stream, len(names)) for stream in (1, 2)]
         assert rows[0].shape == rows[1].shape
         at = names.index("eta.x")
         assert np.nanmax(np.abs(rows[0][:, at] - rows[1][:, at])) < 1e-6  # the same filter by another name
         z = [k for k, name in enumerate(names) if name.startswith("z.")]
         assert np.array_equal(rows[0][:, z], rows[1][:, z], equal_nan=True)
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
-def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven):
+def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder):
     from dataclasses import replace
 
-    truth = driven.truth._replace(eta=driven.truth.eta + np.array([0.5, 0.0, 0.0]))
-    write_run(replace(driven, truth=truth, name="off"), folder / "off.mcap")
+    truth = driven_folder.truth._replace(eta=driven_folder.truth.eta + np.array([0.5, 0.0, 0.0]))
+    write_run(replace(driven_folder, truth=truth, name="off"), folder / "off.mcap")
 
-    async def job(one):
-        words = {run["name"]: run["id"] for run in one.hello["runs"]}
-        found = await one.ask("compare", runs=[words["round"], words["off"]])
-        assert found["names"] == ["round", "off"]
-        rows = [row for section in found["sections"] for row in section["rows"]]
+    async def job(visitor):
+        words = {run["name"]: run["id"] for run in visitor.hello["runs"]}
+        comparison = await visitor.ask("compare", runs=[words["round"], words["off"]])
+        assert comparison["names"] == ["round", "off"]
+        rows = [row for section in comparison["sections"] for row in section["rows"]]
         assert [row["best"] for row in rows if row["label"].startswith("position (ATE)")] == [0]
-        json.dumps(found, allow_nan=False)
+        json.dumps(comparison, allow_nan=False)
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_recorded_run_takes_no_swap_and_writes_nothing(folder):
-    async def job(one):
+    async def job(visitor):
         for word in ({"room": "controller", "kind": "lqr"}, {"gains": [1, 1, 1, 1]}):
-            await one.say("swap" if "room" in word else "write", **word)
-            assert (await one.next("no"))["code"] == "web.no-vehicle"
+            await visitor.say("swap" if "room" in word else "write", **word)
+            assert (await visitor.next("no"))["code"] == "web.no-vehicle"
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_a_stop_does_not_wait_for_a_long_question(folder):
-    async def job(one):
-        own = [gain["file"] for gain in (await one.ask("tune"))["gains"]]
-        await one.say("ask", id=1000, what="landscape", side=24, gains=own, a="k_x", b="k_chi", route="run")
+    async def job(visitor):
+        own = [gain["file"] for gain in (await visitor.ask("tune"))["gains"]]
+        await visitor.say(
+            "ask", id=1000, what="landscape", side=24, gains=own, a="k_x", b="k_chi", route="run"
+        )
         began = asyncio.get_running_loop().time()
-        await one.ask("ping")
+        await visitor.ask("ping")
         assert asyncio.get_running_loop().time() - began < 0.5
 
-    served(folder, job)
+    serve_job(folder, job)
 
 
 def test_gains_are_written_into_a_file_of_ones_own_and_not_into_the_garage(tmp_path):
@@ -205,10 +207,10 @@ def test_gains_are_written_into_a_file_of_ones_own_and_not_into_the_garage(tmp_p
     bench = TuningBench()
     word = {"route": "circle", "gains": [0.25, 1.5, 6.0, 0.2]}
     assert bench.write(word | {"vehicle": str(path)}) == {"file": "vehicle.toml"}
-    written = load(path)
-    assert written.value("controller.k_chi") == 6.0
-    assert written.value("controller.join_m") == 0.2
-    assert written.provenance["controller.k_x"].run == "tune, page"
+    file = load(path)
+    assert file.value("controller.k_chi") == 6.0
+    assert file.value("controller.join_m") == 0.2
+    assert file.provenance["controller.k_x"].run == "tune, page"
     with pytest.raises(UsageError) as no:
         bench.write(word | {"vehicle": "small"})
     assert no.value.diagnostic.code == "web.tune-garage"

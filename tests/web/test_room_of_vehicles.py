@@ -42,7 +42,7 @@ print(json.dumps({"port": port, "found": found, "listens": listens, "title": "<t
 """
 
 
-def allowed():
+def has_namespaces():
     """Return True where this system makes a network of its own."""
     if sys.platform != "linux":
         return False
@@ -53,7 +53,7 @@ def allowed():
 
 
 needs_namespace = pytest.mark.skipif(
-    not allowed(), reason="this system makes no network of its own (unshare --net)"
+    not has_namespaces(), reason="this system makes no network of its own (unshare --net)"
 )
 
 
@@ -69,17 +69,17 @@ def scanned(tmp_path, *more):
 
 @needs_namespace
 def test_ne1_ne8_no_port_is_open_to_a_network_and_the_page_needs_none(tmp_path):
-    seen = scanned(tmp_path)
-    assert seen["found"] == []
-    assert {one.partition(":")[0] for one in seen["listens"]} == {"0100007F"}  # 127.0.0.1
-    assert seen["title"]  # and there is no way out of that network
+    record = scanned(tmp_path)
+    assert record["found"] == []
+    assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F"}  # 127.0.0.1
+    assert record["title"]  # and there is no way out of that network
 
 
 @needs_namespace
 def test_ne1_a_shared_page_opens_one_port_at_one_address(tmp_path):
-    seen = scanned(tmp_path, "--address", "10.77.0.1")
-    assert seen["found"] == [seen["port"]]
-    assert {one.partition(":")[0] for one in seen["listens"]} == {"0100007F", "01004D0A"}
+    record = scanned(tmp_path, "--address", "10.77.0.1")
+    assert record["found"] == [record["port"]]
+    assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F", "01004D0A"}
 
 
 def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
@@ -90,34 +90,34 @@ def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
                 await room.enter_async_context(browser(server, name=f"driver {k}"))
                 for k, (server, _, _) in enumerate(pages)
             ]
-            robots = [one.hello["robot"] for one in drivers]
+            robots = [driver.hello["robot"] for driver in drivers]
             assert len(set(robots)) == VEHICLES
 
             async def drives(k):
                 """Drive a vehicle; each beat follows one for the vehicle of the neighbour."""
-                (_, link, live), one, n = pages[k], drivers[k], 0
-                while len(link.told("hand")) < EACH:
+                (_, link, live), driver, n = pages[k], drivers[k], 0
+                while len(link.requests("hand")) < EACH:
                     if live.lease.holder is None:  # the machine may be busy
-                        await one.say("take", robot=robots[k])
+                        await driver.say("take", robot=robots[k])
                     link.frame(0.05 * n)
                     for robot, u in ((robots[(k + 1) % VEHICLES], -1.0), (robots[k], k / 100.0)):
                         n += 1
-                        await one.say("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
+                        await driver.say("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
                     await asyncio.sleep(0.05)
 
             async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:
                 for k in range(VEHICLES):
                     driving.create_task(drives(k))
-            crossed = [word for k, (_, link, _) in enumerate(pages) for word in link.told("hand")
+            crossed_words = [word for k, (_, link, _) in enumerate(pages) for word in link.requests("hand")
                        if word["u"] != [k / 100.0]]  # fmt: skip
-            assert crossed == []
+            assert crossed_words == []
             await drivers[0].say("mission", kind="drive", robot=robots[1])
             assert (await drivers[0].next("no", where=lambda word: word["to"] == "mission"))[
                 "code"
             ] == "web.other-robot"
             await drivers[0].say("stop", robot=robots[1])  # a stop is never for another one
-            await until(lambda: pages[0][1].told("stop"))
-            assert not any(link.told("stop") for _, link, _ in pages[1:])
+            await until(lambda: pages[0][1].requests("stop"))
+            assert not any(link.requests("stop") for _, link, _ in pages[1:])
 
     run_page(job)
 

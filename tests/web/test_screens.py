@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
-from tests.web.screens import BOXES, LANGUAGES, SEEN, THEMES, each_screen, looked_at, opened, shot
+from tests.web.screens import BOXES, LANGUAGES, SEEN, THEMES, each_screen, looked_at, open_page, shot
 
 AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"
 RULES = """axe.run(document, { resultTypes: ["violations"] }).then(({ violations, passes }) => ({
@@ -32,8 +32,8 @@ def test_every_screen_is_whole(browser, kind, language):
             for theme in THEMES:
                 looked_at(tab, size, theme)
                 shot(tab, kind, screen, size, theme, language)
-                if found := tab.js(BOXES):
-                    wrong[f"{screen} {size} {theme}"] = found
+                if problems := tab.js(BOXES):
+                    wrong[f"{screen} {size} {theme}"] = problems
         looked_at(tab, "laptop", "light")
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
 
@@ -46,10 +46,10 @@ def test_axe_finds_no_violation_on_any_screen(browser, kind):
         tab.js(f"{rules}\ntrue")
         for theme in THEMES:
             looked_at(tab, "laptop", theme)
-            judged = tab.js(RULES)
-            passes.append(judged["passes"])
-            if judged["violations"]:
-                wrong[f"{screen} {theme}"] = judged["violations"]
+            violations = tab.js(RULES)
+            passes.append(violations["passes"])
+            if violations["violations"]:
+                wrong[f"{screen} {theme}"] = violations["violations"]
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
     assert min(passes) > 15  # rules that had something to judge
 
@@ -64,10 +64,10 @@ def test_axe_finds_no_violation_on_any_screen(browser, kind):
     ],
 )
 def test_the_check_finds_what_it_is_for(tab, live, spoil, finds):
-    opened(tab, live, screen="runs")
+    open_page(tab, live, screen="runs")
     tab.js(
         "(() => { const p = document.createElement('p'); p.textContent = 'a text that stands in the way of another';"
         f"p.style.position = 'fixed'; p.style.whiteSpace = 'nowrap'; document.body.append(p); {spoil}; }})()"
     )
-    found = tab.js(BOXES)
-    assert any(one.startswith(finds) for one in found), found
+    problems = tab.js(BOXES)
+    assert any(problem.startswith(finds) for problem in problems), problems

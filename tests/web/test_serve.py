@@ -27,9 +27,9 @@ TRIES = 4
 
 
 @contextmanager
-def program(*words, **how):
+def program(*words, **options):
     """Run a program of ours until the test is over."""
-    running = subprocess.Popen([sys.executable, "-m", *words], stderr=subprocess.PIPE, text=True, **how)
+    running = subprocess.Popen([sys.executable, "-m", *words], stderr=subprocess.PIPE, text=True, **options)
     assert running.stderr is not None
     try:
         yield running
@@ -48,8 +48,8 @@ def program(*words, **how):
 def port_of(page):
     """Return the port that a page prints."""
     for line in page.stderr:
-        if found := re.search(r"http://127\.0\.0\.1:(\d+)/", line):
-            return int(found[1])
+        if match := re.search(r"http://127\.0\.0\.1:(\d+)/", line):
+            return int(match[1])
     raise AssertionError("it ended before it listened")
 
 
@@ -70,11 +70,11 @@ class Watcher:
         self.line.settimeout(START_S)
         self.file = self.line.makefile("rb")
 
-    def state(self, *wanted):
+    def state(self, *states):
         """Return the first state of these names, and when it came."""
         for data in self.file:
             word = json.loads(data)
-            if word["is"] == "state" and word["state"] in wanted:
+            if word["is"] == "state" and word["state"] in states:
                 return word, time.monotonic()
         raise AssertionError("the service has ended")
 
@@ -93,35 +93,35 @@ async def driving(port, moves, via=None):
         f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None,
         host="127.0.0.1", port=via or port,
     ) as line:  # fmt: skip
-        one, n, seen = Browser(line), 0, 0
-        await one.say("hello", lang="en", name="ana")
-        await one.next("hello")
-        await one.say("take")
-        await one.say("mission", kind="drive")
+        visitor, n, frame = Browser(line), 0, 0
+        await visitor.say("hello", lang="en", name="ana")
+        await visitor.next("hello")
+        await visitor.say("take")
+        await visitor.say("mission", kind="drive")
         hearing = asyncio.ensure_future(line.recv())
         while True:
             done, _ = await asyncio.wait({hearing}, timeout=0.05)
             if done:
                 data = hearing.result()
-                seen = HEAD.unpack(data[:16])[0] if isinstance(data, bytes) else seen
-                if seen > 20:
+                frame = HEAD.unpack(data[:16])[0] if isinstance(data, bytes) else frame
+                if frame > 20:
                     moves.set()
                 hearing = asyncio.ensure_future(line.recv())
                 if not isinstance(data, bytes):
                     if (
                         json.loads(data).get("state") == "STOPPED" and not moves.is_set()
                     ):  # the machine stood still
-                        await one.say("clear")
-                        await one.say("take")
-                        await one.say("mission", kind="drive")
+                        await visitor.say("clear")
+                        await visitor.say("take")
+                        await visitor.say("mission", kind="drive")
                     continue
             n += 1
-            await one.say("beat", n=n, seen=seen, u=[0.5, 0.0, 0.0])
+            await visitor.say("beat", n=n, seen=frame, u=[0.5, 0.0, 0.0])
             await asyncio.sleep(0.03)
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, how):
+@pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal_number):
     path = tmp_path / "door"
     with program(
         "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
@@ -140,10 +140,10 @@ def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, how):
                 await asyncio.wait({drives, moving}, return_when=asyncio.FIRST_COMPLETED)
                 assert moves.is_set()
                 await asyncio.to_thread(watcher.state, "MANUAL")
-                os.kill(page.pid, how)
-                begun = time.monotonic()
+                os.kill(page.pid, signal_number)
+                start_s = time.monotonic()
                 state, came = await asyncio.to_thread(watcher.state, "STOPPED")
-                assert came - begun < 2.0  # 0.3 s and the door; the machine may be busy
+                assert came - start_s < 2.0  # 0.3 s and the door; the machine may be busy
                 assert state["why"]["code"] == "operator.silent"
                 drives.cancel()
                 await asyncio.gather(drives, return_exceptions=True)
@@ -191,36 +191,36 @@ class StoppedItself(Exception):
     """Nobody has said stop."""
 
 
-async def expected(one, kind, where):
+async def expected(visitor, kind, matches):
     """Return the next word of a kind for which this is true; StoppedItself where the vehicle stops before."""
 
     def ends(word):
-        return (word["is"] == kind and where(word)) or word.get("state") == "STOPPED"
+        return (word["is"] == kind and matches(word)) or word.get("state") == "STOPPED"
 
-    word = await one.next(kind, "state", where=ends)
+    word = await visitor.next(kind, "state", where=ends)
     if word.get("state") == "STOPPED":
         raise StoppedItself(word["sentence"])
     return word
 
 
-async def lesson(one):
+async def lesson(visitor):
     """Take the wheel, teach a ring and go along it until the third lap."""
-    await one.say("take")
-    await one.say("mission", kind="teach", name="ring", shape="circle", size_m=0.3, speed_m_s=0.3)
-    assert (await expected(one, "route", lambda word: word["x"]))["closed"]
-    routes = await expected(one, "routes", lambda word: word["routes"])
+    await visitor.say("take")
+    await visitor.say("mission", kind="teach", name="ring", shape="circle", size_m=0.3, speed_m_s=0.3)
+    assert (await expected(visitor, "route", lambda word: word["x"]))["closed"]
+    routes = await expected(visitor, "routes", lambda word: word["routes"])
     assert routes["routes"][0]["name"] == "ring"
-    assert one.frames
-    await expected(one, "state", lambda word: word["state"] == "READY")
-    await one.say("mission", kind="repeat", route="ring", laps=0)
-    state = await expected(one, "state", lambda w: w["mission"] == {"kind": "repeat", "route": "ring"})
+    assert visitor.frames
+    await expected(visitor, "state", lambda word: word["state"] == "READY")
+    await visitor.say("mission", kind="repeat", route="ring", laps=0)
+    state = await expected(visitor, "state", lambda w: w["mission"] == {"kind": "repeat", "route": "ring"})
     assert state["state"] == "MISSION"
-    await expected(one, "state", lambda word: (word["lap"] or 0) >= 2)
+    await expected(visitor, "state", lambda word: (word["lap"] or 0) >= 2)
 
 
-async def ready_again(one):
-    await one.say("clear")
-    await one.next("state", where=lambda word: word["state"] == "READY")
+async def ready_again(visitor):
+    await visitor.say("clear")
+    await visitor.next("state", where=lambda word: word["state"] == "READY")
 
 
 def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
@@ -237,34 +237,34 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
             async with connect(
                 f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
             ) as line:
-                one = Browser(line)
-                await one.say("hello", lang="en")
-                await one.next("hello")
-                beating = asyncio.create_task(beats(one))
-                for left in reversed(range(TRIES)):
+                visitor = Browser(line)
+                await visitor.say("hello", lang="en")
+                await visitor.next("hello")
+                beating = asyncio.create_task(beats(visitor))
+                for tries_left in reversed(range(TRIES)):
                     try:
-                        await lesson(one)
+                        await lesson(visitor)
                         break
                     except StoppedItself:  # the machine stood still for longer than the lease
                         last = max((tmp_path / "runs").glob("*.mcap"), key=lambda path: path.name)
                         assert stop_of(read_run(last)).code == StopReason.HOLDER_SILENT
-                        assert left, "the lease was lost at each try"
-                        await ready_again(one)
-                await one.say("stop")
-                await one.next("state", where=lambda word: word["state"] == "STOPPED")
-                runs = await one.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
+                        assert tries_left, "the lease was lost at each try"
+                        await ready_again(visitor)
+                await visitor.say("stop")
+                await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
+                runs = await visitor.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
                 assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
-                await ready_again(one)
+                await ready_again(visitor)
                 beating.cancel()
 
         run_page(job)
 
 
-async def beats(one):
+async def beats(visitor):
     """Beat before each newest picture, as a browser that draws does."""
     n = 0
     while True:
         n += 1
-        seen = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
-        await one.say("beat", n=n, seen=seen, u=[0.0, 0.0, 0.0])
+        frame = HEAD.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
+        await visitor.say("beat", n=n, seen=frame, u=[0.0, 0.0, 0.0])
         await asyncio.sleep(0.05)

@@ -32,8 +32,10 @@ def source() -> str:
 
 @pytest.mark.parametrize("path", sorted(STATIC.iterdir()), ids=lambda path: path.name)
 def test_a_file_names_no_address_elsewhere(path):
-    found = set(re.findall(r"(?:https?|wss?)://[^\s\"'`<>)]*", path.read_text(encoding="utf-8")))
-    assert {one for one in found if not one.endswith("://") and "${" not in one} <= NAMESPACES
+    addresses = set(re.findall(r"(?:https?|wss?)://[^\s\"'`<>)]*", path.read_text(encoding="utf-8")))
+    assert {
+        address for address in addresses if not address.endswith("://") and "${" not in address
+    } <= NAMESPACES
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
@@ -50,8 +52,8 @@ def test_a_module_imports_what_stands_beside_it(path):
 
 def test_the_scripts_are_small():
     assert sum(path.stat().st_size for path in SCRIPTS) <= JAVASCRIPT_KB * 1000
-    served = static(STATIC)
-    assert sum(len(served[f"/static/{path.name}"].packed) for path in SCRIPTS) <= WIRE_KB * 1000
+    assets = static(STATIC)
+    assert sum(len(assets[f"/static/{path.name}"].packed) for path in SCRIPTS) <= WIRE_KB * 1000
 
 
 def test_the_document_holds_no_script_and_no_style_of_its_own():
@@ -76,8 +78,8 @@ def test_every_text_that_is_asked_for_exists():
 
 def test_every_text_is_used():
     script = source()
-    literal, made = set(LITERAL.findall(script)), tuple(MADE.findall(script))
-    unused = [key for key in texts("en") if key not in literal and not key.startswith(made)]
+    literal, patterns = set(LITERAL.findall(script)), tuple(MADE.findall(script))
+    unused = [key for key in texts("en") if key not in literal and not key.startswith(patterns)]
     assert not unused
 
 
@@ -101,11 +103,11 @@ def test_a_style_loads_nothing(path):
 
 def test_both_ways_to_the_dark_theme_have_the_same_colours():
     style = (STATIC / "page.css").read_text(encoding="utf-8")
-    asked = re.search(r':root:not\(\[data-theme="light"\]\) \{(.*?)\}', style, re.DOTALL)
-    chosen = re.search(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)
-    assert asked
-    assert chosen
-    assert asked[1].split() == chosen[1].split()
+    dark_rules = re.search(r':root:not\(\[data-theme="light"\]\) \{(.*?)\}', style, re.DOTALL)
+    light_rules = re.search(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)
+    assert dark_rules
+    assert light_rules
+    assert dark_rules[1].split() == light_rules[1].split()
     light = re.search(r":root \{(.*?)\}", style, re.DOTALL)
     assert light
-    assert set(re.findall(r"--[\w-]+:", chosen[1])) <= set(re.findall(r"--[\w-]+:", light[1]))
+    assert set(re.findall(r"--[\w-]+:", light_rules[1])) <= set(re.findall(r"--[\w-]+:", light[1]))

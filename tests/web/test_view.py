@@ -19,13 +19,13 @@ def folder(tmp_path):
     return folder_of(tmp_path / "runs", circle=drive(), short=drive("short", 40))
 
 
-def named(run):
-    held = recorded(run)
-    return {field["name"]: held.x[:, k] for k, field in enumerate(held.fields)}, held
+def columns_of(run):
+    record = recorded(run)
+    return {field["name"]: record.x[:, k] for k, field in enumerate(record.fields)}, record
 
 
 def test_columns_of_a_run_are_what_it_recorded():
-    x, held = named(drive())
+    x, record = columns_of(drive())
     np.testing.assert_allclose(x["t"], 0.01 * np.arange(300), atol=1e-6)
     np.testing.assert_allclose(x["cross"], 0.01, atol=1e-6)
     np.testing.assert_allclose(x["progress"][-1], 2.99, rtol=1e-3)
@@ -35,9 +35,9 @@ def test_columns_of_a_run_are_what_it_recorded():
     assert np.isnan(x["innov.imu[1]"]).all()
     assert np.isnan(x["truth.x"]).all()
     assert (x["u.0"][0], x["asked.0"][0], x["P.yy"][0]) == (0.5, np.float32(0.6), 9.0)
-    assert held.around["vehicle"]["footprint"] == {"kind": "round", "length_m": 0.14, "width_m": 0.14}
-    assert held.around["route"]["closed"] is False
-    assert held.around["blocks"]["model"] == "planar"
+    assert record.around["vehicle"]["footprint"] == {"kind": "round", "length_m": 0.14, "width_m": 0.14}
+    assert record.around["route"]["closed"] is False
+    assert record.around["blocks"]["model"] == "planar"
 
 
 @pytest.mark.parametrize(
@@ -46,37 +46,37 @@ def test_columns_of_a_run_are_what_it_recorded():
 def test_a_run_with_any_vehicle_text_is_shown(text):
     from dataclasses import replace
 
-    _, held = named(replace(drive(ticks=20), vehicle_text=text))
-    assert held.x.shape[0] == 20
-    assert len(held.around["vehicle"]["command"]) == 3
+    _, record = columns_of(replace(drive(ticks=20), vehicle_text=text))
+    assert record.x.shape[0] == 20
+    assert len(record.around["vehicle"]["command"]) == 3
 
 
 def test_a_run_without_ticks_or_estimates_is_shown():
     from dataclasses import replace
 
     bare = replace(drive(ticks=5), estimate=None, reference=None, requested=None, sensors={}, events=())
-    x, held = named(bare)
+    x, record = columns_of(bare)
     assert np.isnan(x["eta.x"]).all()
-    assert held.around["route"] is None
+    assert record.around["route"] is None
     empty = replace(bare, t_ns=bare.t_ns[:0], applied=bare.applied[:0])
     assert recorded(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
 
 
 def test_a_browser_gets_the_whole_run_and_its_ghost(folder):
     async def job():
-        async with recorded_page(folder, "circle", "short") as server, browser(server) as one:
-            assert (one.hello["mode"], one.hello["role"]) == ("replay", "drive")
-            assert {run["name"] for run in one.hello["runs"]} == {"circle", "short"}
-            await one.say("open", **one.hello["open"])
-            first = await one.next("answer", where=lambda word: not word["done"])
+        async with recorded_page(folder, "circle", "short") as server, browser(server) as visitor:
+            assert (visitor.hello["mode"], visitor.hello["role"]) == ("replay", "drive")
+            assert {run["name"] for run in visitor.hello["runs"]} == {"circle", "short"}
+            await visitor.say("open", **visitor.hello["open"])
+            first = await visitor.next("answer", where=lambda word: not word["done"])
             assert (first["stream"], first["run"]["kind"]) == (1, "repeat")
             assert first["events"][0]["text"] == "a stone"
             labels = {field["name"]: field["label"] for field in first["fields"]}
             assert labels["z.imu[2]"] == labels["innov.imu[2]"] == "yaw rate of the gyro"
-            await one.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
+            await visitor.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
             columns = len(first["fields"])
-            np.testing.assert_array_equal(one.rows(1, columns), recorded(drive()).x)
-            assert one.rows(2, columns).shape == (40, columns)
+            np.testing.assert_array_equal(visitor.rows(1, columns), recorded(drive()).x)
+            assert visitor.rows(2, columns).shape == (40, columns)
 
     run_page(job)
 
@@ -85,13 +85,15 @@ def test_long_runs_come_in_frames_of_bounded_size(tmp_path):
     long = folder_of(tmp_path / "runs", long=drive("long", 9000))
 
     async def job():
-        async with recorded_page(long, "long") as server, browser(server) as one:
-            await one.say("open", **one.hello["open"])
-            end = await one.next("answer", where=lambda word: word["done"])
+        async with recorded_page(long, "long") as server, browser(server) as visitor:
+            await visitor.say("open", **visitor.hello["open"])
+            end = await visitor.next("answer", where=lambda word: word["done"])
             assert end["seconds"] == pytest.approx(89.99)
-            columns = len(one.hello["fields"])
-            assert [len(frame) for frame in one.frames] == [16 + 4 * columns * n for n in (4096, 4096, 808)]
-            np.testing.assert_allclose(one.rows(1, columns)[:, 0], 0.01 * np.arange(9000), atol=1e-5)
+            columns = len(visitor.hello["fields"])
+            assert [len(frame) for frame in visitor.frames] == [
+                16 + 4 * columns * n for n in (4096, 4096, 808)
+            ]
+            np.testing.assert_allclose(visitor.rows(1, columns)[:, 0], 0.01 * np.arange(9000), atol=1e-5)
 
     run_page(job)
 
@@ -99,22 +101,24 @@ def test_long_runs_come_in_frames_of_bounded_size(tmp_path):
 def test_each_browser_is_answered_in_its_language(folder):
     async def job():
         page = recorded_page(folder, "circle")
-        async with page as server, browser(server, "es") as one, browser(server, "en") as two:
-            labels = [{f["name"]: f["label"] for f in who.hello["fields"]}["t"] for who in (one, two)]
+        async with page as server, browser(server, "es") as spanish, browser(server, "en") as two:
+            labels = [
+                {f["name"]: f["label"] for f in visitor.hello["fields"]}["t"] for visitor in (spanish, two)
+            ]
             assert labels == ["tiempo", "time"]
-            for who in (one, two):
-                await who.say("beat", n=1)
-            told = [await who.next("no") for who in (one, two)]
-            assert [no["code"] for no in told] == ["web.no-vehicle"] * 2
-            assert told[0]["why"] != told[1]["why"]
+            for visitor in (spanish, two):
+                await visitor.say("beat", n=1)
+            answers = [await visitor.next("no") for visitor in (spanish, two)]
+            assert [no["code"] for no in answers] == ["web.no-vehicle"] * 2
+            assert answers[0]["why"] != answers[1]["why"]
 
     run_page(job)
 
 
 def test_reports_and_runs_are_fetched_by_their_word(folder):
     async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
-            word = next(run["id"] for run in one.hello["runs"] if run["name"] == "short")
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+            word = next(run["id"] for run in visitor.hello["runs"] if run["name"] == "short")
             status, headers, body = await request(server, f"GET /run/{word} HTTP/1.1")
             assert (status, body) == (200, (folder / "short.mcap").read_bytes())
             assert headers["Content-Disposition"] == 'attachment; filename="short.mcap"'
@@ -133,8 +137,8 @@ def test_the_list_of_runs_says_what_each_one_is(folder):
     (folder / "broken.mcap").write_bytes(b"no run")
 
     async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
-            listed = {run["name"]: run for run in (await one.next("runs"))["runs"]}
+        async with recorded_page(folder, "circle") as server, browser(server) as visitor:
+            listed = {run["name"]: run for run in (await visitor.next("runs"))["runs"]}
             assert listed["circle"]["seconds"] == pytest.approx(2.99)
             assert listed["broken"]["kind"] == "?"
 

@@ -3,35 +3,35 @@
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import PAGE, opened, until
-from tests.web.scripted import Scripted
+from tests.web.screens import PAGE, open_page, until
+from tests.web.scripted import ScriptedServer
 
 TUNE = f"{PAGE}.screens.tune"
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
 
-def tuned(tab, live):
-    opened(tab, live, screen="tune")
+def tune_page(tab, live):
+    open_page(tab, live, screen="tune")
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine && Boolean({TUNE}.lap)")
 
 
 def test_a_slider_simulates_a_lap_at_each_move_and_a_descent_is_shown(tab, live):
-    tuned(tab, live)
-    laps, far = len(asked(live, "lap")), tab.js(f"{TUNE}.lap.rms")
+    tune_page(tab, live)
+    laps, far = len(requests_of(live, "lap")), tab.js(f"{TUNE}.lap.rms")
     tab.js("document.querySelectorAll('.gain input')[2].focus()")
     for _ in range(4):
         tab.press("PageDown")
     tab.wait(f"{TUNE}.lap.rms > 1.2 * {far}")
-    assert len(asked(live, "lap")) > laps
+    assert len(requests_of(live, "lap")) > laps
     assert not live.words("set")  # nothing that drives has changed
     tab.js(f"{TUNE}.do.downhill.click()")
     tab.wait(f"{TUNE}.values.every((x, k) => Math.abs(x - [0.6, 1.4, 6, 0.2][k]) < 1e-6)")
 
 
 def test_gains_are_applied_by_the_holder_and_taken_back(tab, live):
-    tuned(tab, live)
+    tune_page(tab, live)
     assert tab.js(f"{TUNE}.do.apply.disabled")
     tab.js(f"{TUNE}.jump([0.5, 2, 8, 0.25])")
     tab.wait(f"!{TUNE}.do.apply.disabled")
@@ -49,7 +49,7 @@ def test_gains_are_applied_by_the_holder_and_taken_back(tab, live):
 
 
 def test_a_touch_on_the_landscape_chooses_two_gains(tab, live):
-    tuned(tab, live)
+    tune_page(tab, live)
     tab.wait(f"Boolean({TUNE}.land)")
     x, y = tab.middle(".land")
     tab.mouse("mousePressed", x, y)
@@ -59,19 +59,19 @@ def test_a_touch_on_the_landscape_chooses_two_gains(tab, live):
 
 
 def test_chosen_runs_are_compared_and_the_list_comes_back(tab, live):
-    opened(tab, live, screen="runs")
+    open_page(tab, live, screen="runs")
     assert tab.js("document.querySelector('.runs footer .primary').disabled")
     for k in (0, 1):
         tab.js(f"document.querySelectorAll('.runs [type=checkbox]')[{k}].click()")
     tab.js("document.querySelector('.runs footer .primary').click()")
     tab.wait("document.querySelector('.compared .better')?.textContent === '0.010'")
-    assert asked(live, "compare")[0]["runs"] == ["r0", "r1"]
+    assert requests_of(live, "compare")[0]["runs"] == ["r0", "r1"]
     tab.js("document.querySelector('.runs header .action').click()")
     tab.wait("document.querySelectorAll('.runs [type=checkbox]').length === 4")
 
 
 def test_a_long_list_of_runs_has_pages(tab, live):
-    opened(tab, live, screen="runs")
+    open_page(tab, live, screen="runs")
     many = [{"id": f"m{k}", "name": f"run-{k:03}", "kind": "teach"} for k in range(60)]
     live.put({"is": "runs", "runs": many})
     tab.wait("document.querySelectorAll('.runs tbody tr').length === 25")
@@ -82,10 +82,10 @@ def test_a_long_list_of_runs_has_pages(tab, live):
 
 
 def test_a_block_shows_text_and_parameters_and_is_checked_and_swapped(tab, live):
-    opened(tab, live, screen="blocks")
-    for view, shown in ((1, "process_noise_cov"), (2, "line 70 of a file")):
+    open_page(tab, live, screen="blocks")
+    for view, line_shown in ((1, "process_noise_cov"), (2, "line 70 of a file")):
         tab.js(f"document.querySelectorAll('.side .choices button')[{view}].click()")
-        tab.wait(f"document.querySelector('.content').textContent.includes({shown!r})")
+        tab.wait(f"document.querySelector('.content').textContent.includes({line_shown!r})")
     tab.wait("document.querySelector('.content').scrollTop > 500")
     tab.js("document.querySelector('.side footer .action').click()")
     tab.wait("document.querySelector('.side footer .good')?.textContent.includes('promises')")
@@ -97,8 +97,8 @@ def test_a_block_shows_text_and_parameters_and_is_checked_and_swapped(tab, live)
 
 
 def test_a_ghost_is_paired_by_marks(tab):
-    with Scripted("replay", ghost=True) as server:
-        opened(tab, server)
+    with ScriptedServer("replay", ghost=True) as server:
+        open_page(tab, server)
         tab.wait(f"Boolean({PAGE}.ghost)")
         replay = f"{PAGE}.screens.replay"
         tab.js(f"{PAGE}.ghost.about.events.find((one) => one.source === 'mark').t = 32; {replay}.build()")
@@ -106,5 +106,5 @@ def test_a_ghost_is_paired_by_marks(tab):
         tab.wait(f"{replay}.by === 'mark' && {replay}.pairs?.map[3000] === 3200")
 
 
-def asked(live, what):
-    return [word for word in live.words("ask") if word["what"] == what]
+def requests_of(live, subject):
+    return [word for word in live.words("ask") if word["what"] == subject]

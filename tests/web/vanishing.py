@@ -22,9 +22,11 @@ class Vanishing:
 
     async def joined(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Join somebody who comes to the other end."""
-        there, away = await asyncio.open_connection("127.0.0.1", self._to)
+        upstream, away = await asyncio.open_connection("127.0.0.1", self._to)
         self._writers += [writer, away]
-        self._tasks += [asyncio.create_task(self._carry(*pair)) for pair in ((reader, away), (there, writer))]
+        self._tasks += [
+            asyncio.create_task(self._carry(*pair)) for pair in ((reader, away), (upstream, writer))
+        ]
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with suppress(OSError):

@@ -35,7 +35,7 @@ class Firmware:
         applied.update(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
 
 
-def driven(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
+def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
     """Told (ticks, 2) and true mean duties of each tick."""
     rng, applied, firmware = (
         np.random.default_rng(seed),
@@ -44,29 +44,29 @@ def driven(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
     )
     firmware.until(20, applied)
     applied.begin(20 * MS)
-    told, true = [], []
+    means, true = [], []
     for k in range(ticks):
         if k % 20 == 0:
             goal = tuple(rng.uniform(-1.0, 1.0, 2))
         firmware.command(goal)
         applied.sent(firmware.ms * MS, *goal)
         firmware.until(firmware.ms + 10, applied)
-        told.append(applied.mean(firmware.ms * MS))
+        means.append(applied.mean(firmware.ms * MS))
         true.append(np.mean(firmware.duties[-10:], axis=0))
-    return np.array(told), np.array(true)
+    return np.array(means), np.array(true)
 
 
 @pytest.mark.parametrize("phase_ms", range(10))
 def test_the_command_of_a_tick_is_that_of_the_tick_in_every_phase(phase_ms):
-    told, true = driven(UNEQUAL, phase_ms)
-    np.testing.assert_allclose(told, true, atol=1e-9)
+    means, true = drive_motors(UNEQUAL, phase_ms)
+    np.testing.assert_allclose(means, true, atol=1e-9)
 
 
 @pytest.mark.parametrize("phase_ms", [1, 2])
 def test_what_was_predicted_wrongly_comes_right_and_nothing_adds_up(phase_ms):
-    told, true = driven(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
-    behind = 0.01 * np.cumsum(told - true, axis=0)
-    assert np.max(np.abs(told - true)) > 0.1
+    means, true = drive_motors(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
+    behind = 0.01 * np.cumsum(means - true, axis=0)
+    assert np.max(np.abs(means - true)) > 0.1
     assert np.max(np.abs(behind)) < 0.006, "the duty of three milliseconds, twice as large where it reverses"
     assert np.max(np.abs(behind[18::20])) < 1e-9, "none where the command has held for a while"
 

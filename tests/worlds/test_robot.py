@@ -22,15 +22,15 @@ MS = 1_000_000
 class Line:
     """A link whose telemetry the test writes."""
 
-    def __init__(self, *said):
-        self.waiting, self.sent, self.noise_ns = list(said), [], -(1 << 62)
+    def __init__(self, *messages):
+        self.waiting, self.sent, self.noise_ns = list(messages), [], -(1 << 62)
 
     def drive(self, left, right):
         self.sent.append((left, right))
 
     def receive(self):
-        said, self.waiting = self.waiting, []
-        return said
+        messages, self.waiting = self.waiting, []
+        return messages
 
 
 class Chip:
@@ -49,12 +49,12 @@ class Chip:
         return self.happened
 
 
-def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stopped=None, mark_ms=0, silent=False):
-    return Telemetry(t_ms * MS, applied, counts, 7.4, marks, mark_ms * MS, stopped, silent)
+def telemetry(t_ms, applied=(0.0, 0.0), counts=(0, 0), marks=0, stop_code=None, mark_ms=0, silent=False):
+    return Telemetry(t_ms * MS, applied, counts, 7.4, marks, mark_ms * MS, stop_code, silent)
 
 
-def sensors(**named):
-    return sensor_slots(tuple(named))(*named.values())
+def sensors(**sensors_by_name):
+    return sensor_slots(tuple(sensors_by_name))(*sensors_by_name.values())
 
 
 def test_a_command_becomes_the_duties_of_two_wheels_and_never_more_than_all():
@@ -109,22 +109,22 @@ def test_a_drive_that_ended_within_a_tick_leaves_nothing_to_the_next():
 def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing_piles_up():
     line, chip = Line(), Chip()
     robot = Robot(sensors(), line, chip, Body())
-    heard = []
+    events = []
     tracemalloc.start()
     try:
         for k in range(3000):
             line.waiting = [telemetry(50 * k, (0.6, 0.6), (0, k), silent=k >= 100)]
             chip.waiting = [Sample(50 * k * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0)]
             chip.happened = [SimpleNamespace(message=note("imu.started"))] if k == 1500 else []
-            heard += robot.look(50 * k * MS)
+            events += robot.look(50 * k * MS)
             if k == 1500:
-                kept = tracemalloc.get_traced_memory()[0]
-        grown = tracemalloc.get_traced_memory()[0] - kept
+                memory_before = tracemalloc.get_traced_memory()[0]
+        growth_bytes = tracemalloc.get_traced_memory()[0] - memory_before
     finally:
         tracemalloc.stop()
-    assert [said.code for said in heard] == ["encoders.left-silent", "imu.started"]
+    assert [event.code for event in events] == ["encoders.left-silent", "imu.started"]
     assert robot.new_channels() == robot.new_events() == []
-    assert grown < 10_000, "418 bytes a look were kept"
+    assert growth_bytes < 10_000, "418 bytes a look were kept"
     assert robot.battery_v == 7.4
 
 
@@ -134,9 +134,9 @@ def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_received_once():
     robot = Robot(sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, body)
     assert robot.read(10 * MS)[0].sensors.wheels.has == 0.0
     line.waiting = [telemetry(110, counts=(6, -12), marks=1)]
-    said = robot.read(110 * MS)[0].sensors
-    np.testing.assert_allclose(said.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
-    assert said.mark.has == 1.0
+    slots = robot.read(110 * MS)[0].sensors
+    np.testing.assert_allclose(slots.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
+    assert slots.mark.has == 1.0
     line.waiting = [telemetry(120, counts=(6, -12), marks=1)]
     assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
 
@@ -147,9 +147,9 @@ def test_a_speed_of_encoders_is_half_as_old_as_the_time_that_was_counted():
     robot = Robot(encoders, line, None, Body(wheel_radius_m=0.03, counts_per_turn=60.0))
     robot.read(10 * MS)
     line.waiting = [telemetry(30, counts=(6, -12))]
-    said = robot.read(34 * MS)[0].sensors.encoders
-    np.testing.assert_allclose(said.z, [0.3 * np.pi, -0.6 * np.pi])
-    assert measured_ns(34 * MS, said) == 20 * MS
+    slot = robot.read(34 * MS)[0].sensors.encoders
+    np.testing.assert_allclose(slot.z, [0.3 * np.pi, -0.6 * np.pi])
+    assert measured_ns(34 * MS, slot) == 20 * MS
 
 
 def test_counts_that_wrap_are_not_a_leap():
@@ -157,8 +157,8 @@ def test_counts_that_wrap_are_not_a_leap():
     robot = Robot(sensors(wheels=Wheels(track_m=0.1)), line, None, Body("two_wheels", 0.03, 60.0))
     robot.read(10 * MS)
     line.waiting = [telemetry(110, counts=(4 - (1 << 31), (1 << 31) - 9))]
-    said = robot.read(110 * MS)[0].sensors
-    np.testing.assert_allclose(said.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
+    slots = robot.read(110 * MS)[0].sensors
+    np.testing.assert_allclose(slots.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
 
 
 def test_an_uno_that_began_anew_has_rolled_nowhere_and_passed_no_line():
@@ -169,12 +169,12 @@ def test_an_uno_that_began_anew_has_rolled_nowhere_and_passed_no_line():
     )
     robot.read(10 * MS)
     line.waiting = [telemetry(20)._replace(boot=1)]
-    said = robot.read(20 * MS)[0].sensors
-    assert (said.wheels.has, said.mark.has) == (0.0, 0.0)
+    slots = robot.read(20 * MS)[0].sensors
+    assert (slots.wheels.has, slots.mark.has) == (0.0, 0.0)
     line.waiting = [telemetry(120, counts=(6, 6), marks=1)._replace(boot=1)]
-    said = robot.read(120 * MS)[0].sensors
-    np.testing.assert_allclose(said.wheels.z, 2 * np.pi * 0.03)
-    assert said.mark.has == 1.0
+    slots = robot.read(120 * MS)[0].sensors
+    np.testing.assert_allclose(slots.wheels.z, 2 * np.pi * 0.03)
+    assert slots.mark.has == 1.0
 
 
 def test_a_mark_has_its_own_stamp_which_is_within_the_run_and_not_ahead_of_its_tick():
@@ -197,8 +197,8 @@ def test_an_encoder_that_fell_silent_is_named_once_until_it_has_counted_again():
         counts = (0, k) if k < 150 else (k, 150)
         line.waiting = [telemetry(10 * k, (0.6, -0.6), counts, silent=silent)]
         robot.read(10 * k * MS)
-    told = robot.new_events()
-    assert [(t_ns // MS, said.code) for t_ns, said in told] == [
+    events = robot.new_events()
+    assert [(t_ns // MS, event.code) for t_ns, event in events] == [
         (600, "encoders.left-silent"), (2100, "encoders.right-silent"),
     ]  # fmt: skip
     assert robot.new_events() == []
@@ -212,7 +212,7 @@ def test_a_silent_link_and_a_stopped_firmware_are_reported():
     silent = robot.trouble(300 * MS)
     assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
     latched = stop(StopReason.UNO_LATCHED)
-    line.waiting = [telemetry(310, stopped=latched)]
+    line.waiting = [telemetry(310, stop_code=latched)]
     robot.read(310 * MS)
     assert robot.trouble(310 * MS) == latched
 

@@ -27,29 +27,29 @@ def world(cls=ShakenWorld, file=FILE, **options):
     return cls(file.vehicle, file.sensors, file.rate_hz, backend="numpy", **options)
 
 
-def driven(made, seconds=2.0, u=(0.5, 0.0, 0.1), at=None, rate_hz=FILE.rate_hz):
+def drive_world(simulated_world, seconds=2.0, u=(0.5, 0.0, 0.1), at=None, rate_hz=FILE.rate_hz):
     """Truth and readings (N, 9) of each tick; `at` is done before the tick of a number."""
     rows = []
     for k in range(round(seconds * rate_hz)):
         if at is not None and k in at:
-            at[k](made)
-        made.write(Command(0, np.array(u)))
-        (tick,) = made.read(round((k + 1) * 1e9 / rate_hz))
-        rows.append(np.concatenate([made.truth.eta, made.truth.nu, tick.sensors.imu.z]))
+            at[k](simulated_world)
+        simulated_world.write(Command(0, np.array(u)))
+        (tick,) = simulated_world.read(round((k + 1) * 1e9 / rate_hz))
+        rows.append(np.concatenate([simulated_world.truth.eta, simulated_world.truth.nu, tick.sensors.imu.z]))
     return np.array(rows)
 
 
 def test_without_a_fault_it_is_the_simulated_world():
-    np.testing.assert_array_equal(driven(world()), driven(world(SimulatedWorld)))
+    np.testing.assert_array_equal(drive_world(world()), drive_world(world(SimulatedWorld)))
 
 
 @pytest.mark.parametrize("words", ALL)
 def test_a_fault_changes_something_from_its_first_tick_on_and_nothing_before(words):
-    one = Fault.of_words(words)
-    rows, twin = driven(world(shake=[one])), driven(world())
-    first = round(one.at_s * FILE.rate_hz)
+    fault = Fault.of_words(words)
+    rows, twin = drive_world(world(shake=[fault])), drive_world(world())
+    first = round(fault.at_s * FILE.rate_hz)
     np.testing.assert_array_equal(rows[:first], twin[:first])
-    if one.kind != "lose":  # the command does not change here, but readings do
+    if fault.kind != "lose":  # the command does not change here, but readings do
         assert np.any(rows[first:] != twin[first:])
     else:
         assert np.mean(rows[first:190, 8] == 0.0) == pytest.approx(0.3, abs=0.1)
@@ -57,33 +57,33 @@ def test_a_fault_changes_something_from_its_first_tick_on_and_nothing_before(wor
 
 def test_a_fault_that_is_taken_away_leaves_the_noise_of_the_others():
     spikes = Fault.of_words("0.1-2 s: spikes imu[0] 5, 10 %")
-    lone = driven(world(shake=[spikes]))
-    both = driven(world(shake=[spikes, "1 s: spikes imu[1] 5, 20 %", "1.5 s: drift imu[2] 0.1"]))
+    lone = drive_world(world(shake=[spikes]))
+    both = drive_world(world(shake=[spikes, "1 s: spikes imu[1] 5, 20 %", "1.5 s: drift imu[2] 0.1"]))
     np.testing.assert_array_equal(lone[:, 6], both[:, 6])
 
 
 def test_a_push_is_its_impulse_over_the_mass_in_either_frame():
-    still = {"u": (0.0, 0.0, 0.0), "seconds": 0.5 + PUSH_S}
+    standing = {"u": (0.0, 0.0, 0.0), "seconds": 0.5 + PUSH_S}
     heavy = FILE.with_values({"model.friction.linear": [0.0] * 3, "model.friction.coulomb": [0.0] * 3,
                               "model.friction.quadratic": [0.0] * 3, "model.process_noise_std": [0.0] * 3})  # fmt: skip
     for words in ("0.5 s: push 0.3 N s left", {"kind": "push", "at_s": 0.5, "x": -0.3, "frame": "map"}):
-        pushed = world(file=heavy, shake=[words], eta0=np.array([0.0, 0.0, np.pi / 2.0]))
-        nu = driven(pushed, **still)[-1, 3:6]
+        pushed_world = world(file=heavy, shake=[words], eta0=np.array([0.0, 0.0, np.pi / 2.0]))
+        nu = drive_world(pushed_world, **standing)[-1, 3:6]
         np.testing.assert_allclose(nu, [0.0, 0.3 / 0.61, 0.0], atol=1e-9)
-        said = pushed.new_events()[0][1]
-        assert said.figures["way"].code == "shake.way-left"
+        event = pushed_world.new_events()[0][1]
+        assert event.figures["way"].code == "shake.way-left"
 
 
 def test_an_imu_feels_a_push_and_the_floor_that_holds_a_vehicle_but_not_its_fall():
     quiet = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.accel_bias": [0.0, 0.0],
              "sensors.imu.tilt_rad": [0.0, 0.0], "sensors.imu.accel_bias_walk": 0.0}  # fmt: skip
     rough = FILE.with_values(quiet | {"model.friction.linear": [15.0, 15.0, 0.05]})
-    ahead = driven(world(file=rough, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))[-1, 6]
+    ahead = drive_world(world(file=rough, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))[-1, 6]
     assert ahead == pytest.approx(STANDARD_GRAVITY * np.sin(0.05), rel=0.02)  # nose up: it is pushed ahead
     free = FILE.with_values(
         quiet | {f"model.friction.{k}": [0.0] * 3 for k in ("linear", "quadratic", "coulomb")}
     )
-    falling = driven(world(file=free, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))
+    falling = drive_world(world(file=free, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))
     assert falling[-1, 6] == pytest.approx(0.0, abs=1e-3)
     assert falling[-1, 3] == pytest.approx(-2.0 * STANDARD_GRAVITY * np.sin(0.05), rel=0.01)
 
@@ -92,27 +92,27 @@ def test_wheels_that_slip_read_ahead_of_the_vehicle_and_push_less():
     file = parse(
         FILE.text + '\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.0\n', "wheels"
     )
-    made = world(file=file, shake=["1-2 s: slip left 30 %"])
-    read = []
+    simulated_world = world(file=file, shake=["1-2 s: slip left 30 %"])
+    ratios = []
     for k in range(150):
-        made.write(Command(0, np.array([0.7, 0.0, 0.0])))
-        (tick,) = made.read((k + 1) * 10_000_000)
-        nu = made.truth.nu
-        rolled = nu[0] + np.array([-0.06, 0.06]) * nu[2]
-        read.append(tick.sensors.wheels.z / np.where(rolled == 0.0, 1.0, rolled))
-    np.testing.assert_allclose(read[90], [1.0, 1.0], rtol=1e-9)
-    np.testing.assert_allclose(read[140], [1.5, 1.0], rtol=1e-9)
+        simulated_world.write(Command(0, np.array([0.7, 0.0, 0.0])))
+        (tick,) = simulated_world.read((k + 1) * 10_000_000)
+        nu = simulated_world.truth.nu
+        wheel_speeds = nu[0] + np.array([-0.06, 0.06]) * nu[2]
+        ratios.append(tick.sensors.wheels.z / np.where(wheel_speeds == 0.0, 1.0, wheel_speeds))
+    np.testing.assert_allclose(ratios[90], [1.0, 1.0], rtol=1e-9)
+    np.testing.assert_allclose(ratios[140], [1.5, 1.0], rtol=1e-9)
 
 
 def test_a_shaken_run_holds_its_faults_and_is_made_again_bit_for_bit(tmp_path):
     path = tmp_path / "run.mcap"
     run = repeat(FILE, circle(0.3, 0.2), shake=ALL, seed=4, duration_s=3.0, path=path)
-    kept = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
-    assert sorted(kept, key=str) == sorted(map(Fault.of_words, ALL), key=str)
-    again = repeat(FILE, circle(0.3, 0.2), shake=kept, seed=4, duration_s=3.0)
-    for one, other in ((run.truth.eta, again.truth.eta), (run.estimate.eta, again.estimate.eta),
-                       (run.applied, again.applied), (run.sensors["imu"].z, again.sensors["imu"].z)):  # fmt: skip
-        np.testing.assert_array_equal(one, other)
+    faults_of_run = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
+    assert sorted(faults_of_run, key=str) == sorted(map(Fault.of_words, ALL), key=str)
+    second = repeat(FILE, circle(0.3, 0.2), shake=faults_of_run, seed=4, duration_s=3.0)
+    for series, repeated_series in ((run.truth.eta, second.truth.eta), (run.estimate.eta, second.estimate.eta),
+                       (run.applied, second.applied), (run.sensors["imu"].z, second.sensors["imu"].z)):  # fmt: skip
+        np.testing.assert_array_equal(series, repeated_series)
 
 
 def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
@@ -124,20 +124,20 @@ def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
         130: lambda w: w.shake({"kind": "tilt", "y": 0.02}),  # in place of the first
         150: lambda w: w.shake({"kind": "push", "x": 0.1, "frame": "map"}),
     }
-    rows = driven(lively, at=at)
-    events = [(t_ns, SHAKE_SOURCE, said) for t_ns, said in lively.new_events()]
-    kept = faults_in(events)
-    assert [one.kind for one in kept] == ["drift", "tilt", "tilt", "push"]
-    assert (kept[0].at_s, kept[0].for_s) == (0.5, pytest.approx(0.7))
-    assert kept[1].for_s == pytest.approx(0.5)
-    np.testing.assert_array_equal(driven(world(shake=kept)), rows)
+    rows = drive_world(lively, at=at)
+    events = [(t_ns, SHAKE_SOURCE, event) for t_ns, event in lively.new_events()]
+    faults_of_run = faults_in(events)
+    assert [fault.kind for fault in faults_of_run] == ["drift", "tilt", "tilt", "push"]
+    assert (faults_of_run[0].at_s, faults_of_run[0].for_s) == (0.5, pytest.approx(0.7))
+    assert faults_of_run[1].for_s == pytest.approx(0.5)
+    np.testing.assert_array_equal(drive_world(world(shake=faults_of_run)), rows)
 
 
 def test_the_twin_is_the_same_until_the_fault():
     u = np.tile([0.5, 0.0, 0.1], (300, 1))
-    shaken, twin = (experiment(FILE, u, seed=2, shake=s) for s in (["1 s: sag 84 %"], []))
-    np.testing.assert_array_equal(shaken.truth.eta[:100], twin.truth.eta[:100])
-    assert np.hypot(*(shaken.truth.eta - twin.truth.eta)[-1, :2]) > 0.05
+    shaken_run, twin = (experiment(FILE, u, seed=2, shake=s) for s in (["1 s: sag 84 %"], []))
+    np.testing.assert_array_equal(shaken_run.truth.eta[:100], twin.truth.eta[:100])
+    assert np.hypot(*(shaken_run.truth.eta - twin.truth.eta)[-1, :2]) > 0.05
 
 
 @pytest.mark.parametrize(
@@ -188,21 +188,21 @@ def rows_of(words, seconds=8.0):
 
 def test_the_ledger_says_who_noticed_and_when():
     _, row = rows_of("4 s: push 0.4 N s left")
-    nis = next(one for one in row.noticed if one.who == "nis")
+    nis = next(notice for notice in row.noticed if notice.who == "nis")
     assert 0.0 < nis.after_s < 0.1
     assert nis.message.figures["nis"] > nis.message.figures["most"]
     _, row = rows_of("4-6 s: cut imu")
-    stop = next(one for one in row.noticed if one.who == "supervisor")
+    stop = next(notice for notice in row.noticed if notice.who == "supervisor")
     assert stop.after_s == pytest.approx(0.5, abs=0.05)  # imu_timeout_s
     _, row = rows_of("4 s: drift imu[2] 1")
-    assert "monitor" in [one.who for one in row.noticed]
+    assert "monitor" in [notice.who for notice in row.noticed]
 
 
 def test_what_an_earlier_fault_left_is_not_of_the_next():
     u = np.tile([0.5, 0.0, 0.1], (600, 1))
     run = experiment(FILE, u, seed=1, shake=["3 s: push 0.4 N s left", "3.5 s: drift imu[2] 0.02"])
     push, drift = ledger_of(run, FILE).rows
-    assert "nis" in [one.who for one in push.noticed]
+    assert "nis" in [notice.who for notice in push.noticed]
     assert drift.noticed == []
 
 
@@ -210,10 +210,10 @@ def test_the_ledger_says_who_could_not_and_why():
     ledger, row = rows_of("4 s: drift imu[2] 0.15")
     assert row.noticed == []
     assert set(row.silent()) == {"monitor", "model", "supervisor", "gate", "nis"}
-    said = ledger.nobody(row)
-    assert said.code == "ledger.nobody-and-off"
-    assert said.figures["why"].code == "ledger.why-drift"
-    assert said.figures["off"].figures["off_cm"] > 5.0
+    reason = ledger.nobody(row)
+    assert reason.code == "ledger.nobody-and-off"
+    assert reason.figures["why"].code == "ledger.why-drift"
+    assert reason.figures["off"].figures["off_cm"] > 5.0
     ledger, row = rows_of("4 s: sag 84 %")
     assert ledger.why(row.fault).code == "ledger.why-sag"
     ledger, row = rows_of("7.5 s: sag 84 %")

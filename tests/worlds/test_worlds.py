@@ -45,17 +45,17 @@ def test_the_world_is_the_pure_step_with_the_noise_of_its_names():
 
 
 def test_a_sensor_more_changes_nobody_elses_noise():
-    alone, _ = ticks_of(SENSORS)
+    without, _ = ticks_of(SENSORS)
     both, _ = ticks_of(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
-    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(alone, both, strict=True))
+    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(without, both, strict=True))
 
 
 def test_bundled_reading_gives_the_same_ticks():
-    one, _ = ticks_of(SENSORS)
+    first, _ = ticks_of(SENSORS)
     seven, _ = ticks_of(SENSORS, n=602, bundle=7)
     assert all(
         a.t_ns == b.t_ns and np.array_equal(a.sensors.imu.z, b.sensors.imu.z)
-        for a, b in zip(one, seven, strict=False)
+        for a, b in zip(first, seven, strict=False)
     )
 
 
@@ -100,22 +100,24 @@ def run_of(ticks, truth=None):
 
 def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
     ticks, simulated = ticks_of(SENSORS, n=50)
-    known = simulated.new_truths()
-    assert [t for t, _ in known] == [t.t_ns for t in ticks]
+    motions = simulated.new_truths()
+    assert [t for t, _ in motions] == [t.t_ns for t in ticks]
     assert simulated.new_truths() == []
     truth = TruthLog(
-        np.array([t for t, _ in known]), *(np.array([m[i] for _, m in known]) for i in (0, 1, 2))
+        np.array([t for t, _ in motions]), *(np.array([m[i] for _, m in motions]) for i in (0, 1, 2))
     )
-    world, heard, truths = ReplayedWorld(run_of(ticks, truth)), [], []
+    world, ticks_read, truths = ReplayedWorld(run_of(ticks, truth)), [], []
     assert world.new_truths() == []
     for t_ns in world.times:
-        heard += world.read(t_ns)
+        ticks_read += world.read(t_ns)
         truths += world.new_truths()
         world.write(Command(t_ns, -5.0 * U))
-    assert [t.t_ns for t in heard] == [t.t_ns for t in ticks]
-    assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(heard, ticks, strict=True))
-    assert [t for t, _ in truths] == [t for t, _ in known]
-    assert all(np.array_equal(a.eta, b.eta) for (_, a), (_, b) in zip(truths, known, strict=True))
+    assert [t.t_ns for t in ticks_read] == [t.t_ns for t in ticks]
+    assert all(
+        np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(ticks_read, ticks, strict=True)
+    )
+    assert [t for t, _ in truths] == [t for t, _ in motions]
+    assert all(np.array_equal(a.eta, b.eta) for (_, a), (_, b) in zip(truths, motions, strict=True))
     assert world.commands == 3
 
 
@@ -136,7 +138,7 @@ def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
     ticks, _ = ticks_of(SENSORS, n=200)
     world = ReplayedWorld(run_of(ticks[:50] + ticks[150:]))
     assert world.times == [t.t_ns for t in ticks]
-    assert [(one.code, one.figures["count"]) for one in world.notes] == [("replay.holes", 100)]
+    assert [(note.code, note.figures["count"]) for note in world.notes] == [("replay.holes", 100)]
     hole = world.read(world.times[-1])[50:150]
     assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
 

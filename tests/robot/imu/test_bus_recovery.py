@@ -25,93 +25,93 @@ def lines(tmp_path, monkeypatch):
     """`lines(bits)`: a chip on two lines. A machine that is busy with other things is not what is tested here."""
     monkeypatch.setattr(bus_recovery, "CALL_S", 60.0)
     monkeypatch.setattr(bus_recovery, "ALL_S", 600.0)
-    return lambda bits, **what: on_path(tmp_path, monkeypatch, bits, **what)
+    return lambda bits, **options: on_path(tmp_path, monkeypatch, bits, **options)
 
 
-def as_it_was(held):
+def as_it_was(pins):
     """The pins are I2C's, and nobody has ever driven a line high."""
-    return held.given_back and held.read()["driven_high"] == 0
+    return pins.given_back and pins.read()["driven_high"] == 0
 
 
 @pytest.mark.parametrize("clocks", [1, 2, 5, 8, 9])
 def test_rt9_a_chip_that_waits_for_up_to_nine_clocks_lets_the_bus_go(lines, clocks):
-    held = lines([0] * clocks)
-    assert held
+    pins = lines([0] * clocks)
+    assert pins
     outcome = recover(BUS)
     assert outcome.freed
     assert f"in the middle of a byte: freed after {clocks} clock" in outcome.text
-    after = held.read()
+    after = pins.read()
     assert (after["clocks"], after["starts"], after["stops"]) == (clocks + 1, 0, 1), "one more for the STOP"
-    assert not held
-    assert as_it_was(held)
+    assert not pins
+    assert as_it_was(pins)
 
 
 def test_a_1_that_the_chip_sends_is_not_taken_for_the_end_of_its_byte(lines):
-    held = lines([0, 1, 0, 0, 1, 0, 0, 0])
+    pins = lines([0, 1, 0, 0, 1, 0, 0, 0])
     outcome = recover(BUS)
     assert outcome.freed
-    assert held.read()["stops"] == 1
-    assert not held
-    assert as_it_was(held)
+    assert pins.read()["stops"] == 1
+    assert not pins
+    assert as_it_was(pins)
 
 
 def test_a_chip_that_does_not_let_go_after_nine_clocks_is_reported(lines):
-    held = lines([0] * 10)
+    pins = lines([0] * 10)
     outcome = recover(BUS)
     assert not outcome.freed
     assert "still low after 9 clocks" in outcome.text
-    assert held.read()["clocks"] == 9
-    assert as_it_was(held)
+    assert pins.read()["clocks"] == 9
+    assert as_it_was(pins)
 
 
 def test_a_held_scl_is_reported_and_not_clocked(lines):
-    held = lines([0, 0], scl_held=True)
+    pins = lines([0, 0], scl_held=True)
     outcome = recover(BUS)
     assert not outcome.freed
     assert outcome.message.code == "bus.scl-held"
-    assert {call[0] for call in held.read()["calls"]} == {"get"}
+    assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
 def test_a_bus_that_nobody_holds_is_not_touched(lines):
-    held = lines([])
+    pins = lines([])
     outcome = recover(BUS)
     assert not outcome.freed
     assert outcome.message.code == "bus.free"
-    assert {call[0] for call in held.read()["calls"]} == {"get"}
+    assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
 @pytest.mark.parametrize("after", range(SETS))
 def test_a_call_that_crashes_at_any_point_leaves_the_pins_with_i2c(lines, after):
-    held = lines(ZEROS)
-    held.fails("crash", after=after)
+    pins = lines(ZEROS)
+    pins.fails("crash", after=after)
     outcome = recover(BUS)
     assert outcome.freed == (after == SETS - 1), "giving back is tried twice"
     assert outcome.freed or "pinctrl set" in outcome.text
-    assert sum(call[0] == "set" for call in held.read()["calls"]) > after, "it came to that"
-    assert as_it_was(held)
+    assert sum(call[0] == "set" for call in pins.read()["calls"]) > after, "it came to that"
+    assert as_it_was(pins)
 
 
 @pytest.mark.parametrize("after", [3, SETS - 1])
 def test_a_call_that_hangs_is_ended_and_the_pins_are_given_back(lines, monkeypatch, after):
-    held = lines(ZEROS)
+    pins = lines(ZEROS)
     monkeypatch.setattr(bus_recovery, "CALL_S", 3.0)
-    held.fails("hang", after=after)
+    pins.fails("hang", after=after)
     outcome = recover(BUS)
     assert outcome.freed == (after == SETS - 1)
     assert outcome.freed or "timed out after 3.0 seconds" in outcome.text
-    assert as_it_was(held)
+    assert as_it_was(pins)
 
 
 def test_pins_that_do_not_go_back_though_nothing_is_reported_are_given_back_again(lines):
-    held = lines(ZEROS)
-    held.fails("deaf", after=SETS - 1)
+    pins = lines(ZEROS)
+    pins.fails("deaf", after=SETS - 1)
     assert recover(BUS).freed
-    assert as_it_was(held)
+    assert as_it_was(pins)
 
 
 def test_pins_that_cannot_be_given_back_are_reported_with_the_line_to_type(lines):
-    held = lines(ZEROS)
-    held.fails("root", after=SETS - 1, times=100)
+    pins = lines(ZEROS)
+    pins.fails("root", after=SETS - 1, times=100)
     outcome = recover(BUS)
     assert not outcome.freed
     assert "could not be given back to I2C (pinctrl set 2,3 a0 failed (255): Must be root" in outcome.text
@@ -119,7 +119,7 @@ def test_pins_that_cannot_be_given_back_are_reported_with_the_line_to_type(lines
 
 
 def test_ctrl_c_in_the_middle_gives_the_pins_back(lines, monkeypatch):
-    held, run, ran = lines(ZEROS), subprocess.run, []
+    pins, run, ran = lines(ZEROS), subprocess.run, []
 
     def interrupted(*command, **options):
         ran.append(command)
@@ -130,39 +130,39 @@ def test_ctrl_c_in_the_middle_gives_the_pins_back(lines, monkeypatch):
     monkeypatch.setattr(subprocess, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
         recover(BUS)
-    assert held.read()["clocks"] == 1, "it was in the middle"
-    assert as_it_was(held)
+    assert pins.read()["clocks"] == 1, "it was in the middle"
+    assert as_it_was(pins)
 
 
 def test_calls_that_take_long_are_not_gone_on_with_and_the_pins_are_given_back(lines, monkeypatch):
-    held, now = lines([0] * 9), iter(range(1000))
+    pins, now = lines([0] * 9), iter(range(1000))
     monkeypatch.setattr(bus_recovery, "ALL_S", 8.0)
     monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # a second each
     outcome = recover(BUS)
     assert not outcome.freed
     assert outcome.message.code == "bus.too-late"
     assert "was not finished within 8 s" in outcome.text
-    assert 0 < held.read()["clocks"] < 9
-    assert as_it_was(held)
+    assert 0 < pins.read()["clocks"] < 9
+    assert as_it_was(pins)
 
 
 @pytest.mark.parametrize("function", ["ip", "op"])
 def test_pins_that_a_killed_program_left_behind_are_given_back_and_the_bus_is_clocked(lines, function):
-    held = lines([0, 0, 0])
-    held.put(function={"2": "ip", "3": function})
+    pins = lines([0, 0, 0])
+    pins.put(function={"2": "ip", "3": function})
     outcome = recover(BUS)
     assert "freed after 3 clocks" in outcome.text
-    assert as_it_was(held)
-    held.put(function={"2": "ip", "3": function})
+    assert as_it_was(pins)
+    pins.put(function={"2": "ip", "3": function})
     outcome = recover(BUS)
     assert outcome.freed, "nobody holds it but they"
     assert "not in I2C mode" in outcome.text
-    assert as_it_was(held)
+    assert as_it_was(pins)
 
 
 def test_a_user_outside_the_group_is_reported_how_to_join_it(lines):
-    held = lines(ZEROS)
-    held.fails("root", "get", times=100)
+    pins = lines(ZEROS)
+    pins.fails("root", "get", times=100)
     outcome = recover(BUS)
     assert not outcome.freed
     assert "pinctrl get 2,3 failed (255): Must be root" in outcome.text
@@ -177,15 +177,15 @@ def test_where_there_is_no_pinctrl_it_is_told_what_to_type(tmp_path, monkeypatch
 
 
 def test_pins_of_another_board_or_bus_are_not_touched(lines):
-    held = lines(ZEROS)
-    held.put(function={"2": "a3", "3": "a3"})
+    pins = lines(ZEROS)
+    pins.put(function={"2": "a3", "3": "a3"})
     assert "GPIO 2 is a3 and GPIO 3 a3, expected a0" in recover(BUS).text
     assert "/dev/i2c-3 is not /dev/i2c-1" in recover("/dev/i2c-3").text
-    assert {call[0] for call in held.read()["calls"]} == {"get"}
+    assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
 def test_a_recovery_runs_beside_its_caller_is_reported_once_and_not_begun_again_at_once(lines):
-    held, recovery = lines([0] * 10), Recovery(BUS)
+    pins, recovery = lines([0] * 10), Recovery(BUS)
     recovery.begin(0)
     recovery.begin(0)
     recovery.wait()
@@ -196,7 +196,7 @@ def test_a_recovery_runs_beside_its_caller_is_reported_once_and_not_begun_again_
     recovery.begin(AGAIN_NS - 1)
     recovery.wait()
     assert recovery.taken() is None
-    assert held.read()["clocks"] == 9
+    assert pins.read()["clocks"] == 9
     recovery.begin(AGAIN_NS)
     recovery.wait()
     outcome = recovery.taken()
@@ -226,15 +226,15 @@ def test_a_bus_that_is_held_when_the_imu_is_opened_is_clocked_free_and_that_is_r
     lines, monkeypatch, tmp_path
 ):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
-    bench, held = Bench(monkeypatch, tmp_path), lines([0] * 4)
-    bench.bus.held = held
+    bench, pins = Bench(monkeypatch, tmp_path), lines([0] * 4)
+    bench.bus.sda_low = pins
     imu = start(bench)
     assert imu.running
-    (told,) = imu.identity.warnings
-    assert "freed after 4 clocks" in told
-    assert any("freed after 4 clocks" in line for line in bench.said)
-    assert told in imu.notes, "the run says it"
-    assert as_it_was(held)
+    (warning,) = imu.identity.warnings
+    assert "freed after 4 clocks" in warning
+    assert any("freed after 4 clocks" in line for line in bench.printed)
+    assert warning in imu.notes, "the run says it"
+    assert as_it_was(pins)
 
 
 def test_a_bus_that_stays_held_when_the_imu_is_opened_is_reported_with_both_reasons(
@@ -242,7 +242,7 @@ def test_a_bus_that_stays_held_when_the_imu_is_opened_is_reported_with_both_reas
 ):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     bench = Bench(monkeypatch, tmp_path)
-    bench.bus.held = lines([0, 0], scl_held=True)
+    bench.bus.sda_low = lines([0, 0], scl_held=True)
     with refused("imu.bus-cannot-be-asked", RobotUnreachable):
         start(bench)
 
@@ -251,17 +251,17 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     lines, monkeypatch, tmp_path
 ):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
-    bench, held = Bench(monkeypatch, tmp_path), lines([])
+    bench, pins = Bench(monkeypatch, tmp_path), lines([])
     imu = start(bench)
     loop(bench, imu, 0.5)
     assert imu.free_bus() is None
-    held.put(bits=[0] * 7)
-    bench.bus.held = held
+    pins.put(bits=[0] * 7)
+    bench.bus.sda_low = pins
     loop(bench, imu, 0.3)
     assert imu.bus_stuck
     assert imu.free_bus() is None, "not silent for half a second: perhaps it is a disturbance"
     imu._recovery.wait()
-    assert held.read()["calls"] == []
+    assert pins.read()["calls"] == []
     loop(bench, imu, 0.4)
     go, recovered = threading.Event(), bus_recovery.recover
     monkeypatch.setattr(bus_recovery, "recover", lambda path: (go.wait(), recovered(path))[1])
@@ -281,20 +281,20 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     assert "imu.back" in [event.message.code for event in imu.events()]
     assert imu.free_bus() is None
     assert not imu.bus_stuck
-    assert as_it_was(held)
+    assert as_it_was(pins)
 
 
 def test_the_doctor_says_whether_a_held_bus_could_be_freed(lines, tmp_path):
-    model, held = tmp_path / "model", lines([])
+    model, pins = tmp_path / "model", lines([])
     assert recoverable(BUS, model)[0] == "unknown"
     model.write_text("Orange Pi Zero\0")
     assert recoverable(BUS, model)[:2] == ("unknown", "this machine is not a Raspberry Pi")
     model.write_text("Raspberry Pi 3 Model B Plus Rev 1.3\0")
     assert recoverable(BUS, model)[:2] == ("ok", "pinctrl reaches GPIO 2 and 3; SDA high, SCL high")
-    held.put(function={"2": "ip", "3": "ip"})
+    pins.put(function={"2": "ip", "3": "ip"})
     assert recoverable(BUS, model)[0::2] == ("warn", "Type: pinctrl set 2,3 a0")
-    held.fails("root", "get", times=100)
+    pins.fails("root", "get", times=100)
     verdict, _, remedy = recoverable(BUS, model)
     assert verdict == "warn"
     assert "usermod -aG gpio" in remedy
-    assert {call[0] for call in held.read()["calls"]} == {"get"}, "it only looks"
+    assert {call[0] for call in pins.read()["calls"]} == {"get"}, "it only looks"

@@ -104,8 +104,8 @@ def test_the_real_rate_is_measured_and_stamps_follow_it(bench, ppm):
     rate = 200.0 * (1.0 + ppm * 1e-6)
     assert device.rate_hz == pytest.approx(rate, abs=device.clock.rate_error_hz + 0.01)
     assert device.rate_hz == pytest.approx(rate, rel=200e-6)
-    taken = np.array(b.chip.taken)
-    error = np.array([np.min(np.abs(taken - s.t_ns)) for s in samples[400:]])
+    sample_times = np.array(b.chip.taken)
+    error = np.array([np.min(np.abs(sample_times - s.t_ns)) for s in samples[400:]])
     assert np.max(error) < 0.4e6, "ns; a tenth of a period and less"
 
 
@@ -129,7 +129,7 @@ def test_a_backlog_is_read_in_bounded_pieces_and_no_sample_is_lost(bench):
 def test_open_tells_what_it_found(bench):
     b = bench()
     device = start(b)
-    text = "\n".join(b.said)
+    text = "\n".join(b.printed)
     for part in ("MPU-6050", "0x68", "200 Hz, fifo", "±4 g", "44 Hz, 4.9 ms late", "kHz or more", "°C"):
         assert part in text
     assert device.identity.accel_ms2 == pytest.approx(G, abs=0.1)
@@ -140,8 +140,8 @@ def test_open_tells_what_it_found(bench):
 def test_open_warns_of_a_known_chip_that_moves(bench):
     b = bench(motion=lambda t_ns: ((0.0, 0.0, 1.3 * G), (0.0, 0.0, 1.0)))
     start(b)
-    assert "feels 12.75 m/s²" in b.said[-2]
-    assert "turns at 57" in b.said[-1]
+    assert "feels 12.75 m/s²" in b.printed[-2]
+    assert "turns at 57" in b.printed[-1]
 
 
 def test_close_puts_the_chip_to_sleep(bench):
@@ -154,7 +154,7 @@ def test_close_puts_the_chip_to_sleep(bench):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"rate_hz": 150}, "rate_hz = 150: expected one of 4, 5, 8, 10"),
         ({"filter": 0}, "filter = 0: expected one of 1, 2, 3, 4, 5, 6"),
@@ -166,10 +166,10 @@ def test_close_puts_the_chip_to_sleep(bench):
         ({"axes": ("x", "y")}, "ahead, left and up"),
     ],
 )
-def test_settings_that_no_chip_has_are_refused(wrong, said):
+def test_settings_that_no_chip_has_are_refused(wrong, message):
     with pytest.raises(UsageError, match="IMU") as error:
         ImuSettings(**wrong)
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_a_laptop_is_reported_that_i2c_needs_linux(monkeypatch):

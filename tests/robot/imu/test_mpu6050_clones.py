@@ -32,7 +32,7 @@ def test_each_kind_is_read_with_its_own_scales_and_filter(bench, who_am_i, fifo_
     assert b.chip.regs[0x1D] == (0 if who_am_i == 0x68 else 4), (
         "the 6500 has a filter of its own for accelerations"
     )
-    assert f"0x{who_am_i:02X}" in b.said[0]
+    assert f"0x{who_am_i:02X}" in b.printed[0]
 
 
 def test_a_driver_of_the_6050_would_leave_the_clones_accelerometer_open(bench):
@@ -52,7 +52,7 @@ def test_a_clone_without_a_map_runs_and_its_temperature_is_unknown(bench, who_am
     b = bench(who_am_i=who_am_i)
     device = start(b)
     assert np.isnan(loop(b, device, 0.1)[0].temperature_c)
-    assert "°C" not in b.said[0]
+    assert "°C" not in b.printed[0]
     assert device.identity.warnings == ()
 
 
@@ -60,7 +60,7 @@ def test_an_unknown_chip_runs_with_a_warning(bench):
     b = bench(who_am_i=0x33)
     device = start(b)
     assert not device.chip.is_listed
-    assert "WHO_AM_I 0x33 is not known: driven as an MPU-6500" in b.said[-1]
+    assert "WHO_AM_I 0x33 is not known: driven as an MPU-6500" in b.printed[-1]
     assert len(loop(b, device, 1.0)) > 190
 
 

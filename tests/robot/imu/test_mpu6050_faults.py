@@ -141,8 +141,8 @@ def test_rt7_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
     device = start(b)
     loop(b, device, 1.0)
     b.chip.freeze()
-    frozen = loop(b, device, 0.8)
-    assert len(frozen) <= 21
+    samples = loop(b, device, 0.8)
+    assert len(samples) <= 21
     assert kinds(device)[:4] == ["imu.frozen", "imu.restart", "imu.started", "imu.data-missing"]
     assert device.silent
     b.chip.freeze(False)
@@ -208,7 +208,7 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
-    b.bus.held = True
+    b.bus.sda_low = True
     longest, began = 0, b.clock.now
     silent_after = None
     while b.clock.now - began < 2_000_000_000:
@@ -220,11 +220,11 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
         b.clock.now = max(b.clock.now, before + 10_000_000)
     assert longest <= 40_000_000, "i2c.py tells the kernel 40 ms; its own second would be too long"
     assert silent_after == pytest.approx(0.5e9, abs=0.06e9)
-    said = device.events()
-    assert [e.message.code for e in said].count("imu.held") == 1
-    assert "nine clocks as GPIO" in next(e.text for e in said if e.message.code == "imu.held")
-    assert [e.message.code for e in said].count("imu.data-missing") == 1
-    b.bus.held = False
+    events = device.events()
+    assert [e.message.code for e in events].count("imu.held") == 1
+    assert "nine clocks as GPIO" in next(e.text for e in events if e.message.code == "imu.held")
+    assert [e.message.code for e in events].count("imu.data-missing") == 1
+    b.bus.sda_low = False
     samples = loop(b, device, 1.0)
     assert len(samples) > 100
     assert_sane(samples)
@@ -235,7 +235,7 @@ def test_a_bus_held_at_the_start_is_distinguished_from_a_missing_chip(bench):
     from baqueano.errors import RobotUnreachable
 
     b = bench()
-    b.bus.held = True
+    b.bus.sda_low = True
     with refused("imu.bus-cannot-be-asked", RobotUnreachable):
         start(b)
 
@@ -247,8 +247,8 @@ def test_a_chip_pulled_off_and_put_back_is_silent_then_back(bench):
     chip = b.bus.devices.pop(0x68)
     assert loop(b, device, 3.0) == []
     assert device.silent
-    said = kinds(device)
-    assert said == ["imu.restart", "imu.data-missing"], "each once, however long it lasts"
+    events = kinds(device)
+    assert events == ["imu.restart", "imu.data-missing"], "each once, however long it lasts"
     chip.brown_out()
     b.bus.devices[0x68] = chip
     samples = loop(b, device, 1.0)

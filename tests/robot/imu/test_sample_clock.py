@@ -9,21 +9,21 @@ from baqueano.robot.imu.sample_clock import SampleClock
 def looks(ppm, seconds, rng, jitter_s, rate_hz=200.0, every_s=0.01):
     """Times and counts of looks at a chip that is `ppm` fast: (newest, before, after), and its period and phase."""
     period, phase = 1e9 / rate_hz / (1.0 + ppm * 1e-6), 3_217_113.0
-    told = []
+    samples = []
     for i in range(round(seconds / every_s)):
         before = round(1e9 * (i + 1) * every_s + rng.exponential(jitter_s * 1e9))
         after = before + round(150e3 + rng.exponential(50e3))
-        told.append((int((rng.uniform(before, after) - phase) // period), before, after))
-    return told, period, phase
+        samples.append((int((rng.uniform(before, after) - phase) // period), before, after))
+    return samples, period, phase
 
 
 @pytest.mark.parametrize("ppm", [-40_000, -700, 8_000, 40_000])
 @pytest.mark.parametrize("jitter_s", [1e-4, 1e-3])
 @pytest.mark.parametrize("seed", [11, 12])
 def test_period_and_phase_are_within_their_own_bounds(ppm, jitter_s, seed):
-    told, period, phase = looks(ppm, 15.0, np.random.default_rng(seed), jitter_s)
+    samples, period, phase = looks(ppm, 15.0, np.random.default_rng(seed), jitter_s)
     clock = SampleClock(5e6)
-    for n, (newest, before, after) in enumerate(told):
+    for n, (newest, before, after) in enumerate(samples):
         clock.look(newest, before, after)
         assert abs(clock.rate_hz - 1e9 / period) <= clock.rate_error_hz * 1.001 + 1e-6 or n < 100
         stamp = clock.stamps(newest, 1)[0]
@@ -34,9 +34,9 @@ def test_period_and_phase_are_within_their_own_bounds(ppm, jitter_s, seed):
 
 
 def test_clocks_that_slide_are_reported_to_a_hundredth_of_a_period():
-    told, period, phase = looks(8_000, 20.0, np.random.default_rng(3), 1e-4)
+    samples, period, phase = looks(8_000, 20.0, np.random.default_rng(3), 1e-4)
     clock, errors = SampleClock(5e6), []
-    for newest, before, after in told:
+    for newest, before, after in samples:
         clock.look(newest, before, after)
         errors.append(clock.stamps(newest, 1)[0] - (phase + period * newest))
     assert np.std(errors[500:]) < 50e3
@@ -44,32 +44,32 @@ def test_clocks_that_slide_are_reported_to_a_hundredth_of_a_period():
 
 
 def test_looks_in_step_with_the_chip_admit_that_the_phase_is_unknown():
-    told, period, _ = looks(0, 10.0, np.random.default_rng(4), 0.0)
+    samples, period, _ = looks(0, 10.0, np.random.default_rng(4), 0.0)
     clock = SampleClock(5e6)
-    for look in told:
+    for look in samples:
         clock.look(*look)
     assert clock.phase_error_ns > 0.4 * period
 
 
 def test_lost_samples_are_noticed_and_the_clock_finds_itself_again():
-    told, period, phase = looks(5_000, 20.0, np.random.default_rng(6), 1e-4)
+    samples, period, phase = looks(5_000, 20.0, np.random.default_rng(6), 1e-4)
     clock, errors = SampleClock(5e6), []
-    for n, (newest, before, after) in enumerate(told):
-        lost = 3 if n >= 1000 else 0
-        clock.look(newest - lost, before, after)
-        errors.append(clock.stamps(newest - lost, 1)[0] - (phase + period * newest))
+    for n, (newest, before, after) in enumerate(samples):
+        count_lost = 3 if n >= 1000 else 0
+        clock.look(newest - count_lost, before, after)
+        errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[1300:])) < 0.3e6
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-4)
 
 
 def test_samples_lost_at_once_after_the_start_are_noticed_too():
-    told, period, phase = looks(5_000, 5.0, np.random.default_rng(9), 1e-4)
+    samples, period, phase = looks(5_000, 5.0, np.random.default_rng(9), 1e-4)
     clock, errors = SampleClock(5e6), []
-    for n, (newest, before, after) in enumerate(told):
-        lost = 2 if n >= 4 else 0
-        clock.look(newest - lost, before, after)
-        errors.append(clock.stamps(newest - lost, 1)[0] - (phase + period * newest))
+    for n, (newest, before, after) in enumerate(samples):
+        count_lost = 2 if n >= 4 else 0
+        clock.look(newest - count_lost, before, after)
+        errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[200:])) < 0.5e6
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-3)
@@ -90,9 +90,9 @@ def test_a_clock_that_warms_up_is_followed():
 
 
 def test_stamps_grow_by_nearly_a_period_even_while_the_phase_is_learned():
-    told, period, _ = looks(-20_000, 5.0, np.random.default_rng(8), 1e-3)
-    clock, stamps, done = SampleClock(5e6), [], told[0][0]
-    for newest, before, after in told:
+    samples, period, _ = looks(-20_000, 5.0, np.random.default_rng(8), 1e-3)
+    clock, stamps, done = SampleClock(5e6), [], samples[0][0]
+    for newest, before, after in samples:
         clock.look(newest, before, after)
         stamps += clock.stamps(done + 1, newest - done)
         done = newest

@@ -30,20 +30,20 @@ def boot(tmp_path, monkeypatch):
 
 def test_a_mission_that_was_not_ended_is_named_with_its_blocks(boot, tmp_path):
     Journal(tmp_path).begin(MISSION, "1.mcap")
-    said = Journal(tmp_path).unfinished()
-    assert said.code == StopReason.MISSION_UNFINISHED
-    assert said.figures == {
+    unfinished = Journal(tmp_path).unfinished()
+    assert unfinished.code == StopReason.MISSION_UNFINISHED
+    assert unfinished.figures == {
         "kind": "experiment", "run": "1.mcap", "blocks": "mine.py:Mine", "file": "", "line": 0,
     }  # fmt: skip
 
 
 def test_a_mission_that_was_ended_or_cut_by_the_power_is_not(boot, tmp_path):
     assert Journal(tmp_path).unfinished() is None
-    one = Journal(tmp_path)
-    one.begin(MISSION, "1.mcap")
-    one.end()
+    journal = Journal(tmp_path)
+    journal.begin(MISSION, "1.mcap")
+    journal.end()
     assert Journal(tmp_path).unfinished() is None
-    one.begin(MISSION, "2.mcap")
+    journal.begin(MISSION, "2.mcap")
     boot.write_text("another\n")
     assert Journal(tmp_path).unfinished() is None
 
@@ -63,19 +63,19 @@ def test_a_journal_that_is_damaged_names_nothing(boot, tmp_path):
 
 
 def test_a_disk_that_takes_no_journal_keeps_no_vehicle_from_driving(boot, tmp_path):
-    one = Journal(tmp_path / "there is no such folder")
-    one.begin(MISSION, "1.mcap")
-    one.end()
-    assert one.unfinished() is None
+    journal = Journal(tmp_path / "there is no such folder")
+    journal.begin(MISSION, "1.mcap")
+    journal.end()
+    assert journal.unfinished() is None
 
 
 def test_nobody_feeds_the_watchdog_once_a_thread_is_lost():
     class Systemd:
         def __init__(self):
-            self.said = []
+            self.messages = []
 
         def say(self, text):
-            self.said.append(text)
+            self.messages.append(text)
 
     end, systemd = threading.Event(), Systemd()
     thread = threading.Thread(target=end.wait)
@@ -83,9 +83,9 @@ def test_nobody_feeds_the_watchdog_once_a_thread_is_lost():
     healthy, patience = _signs_of_life(systemd)
     healthy()
     patience(2.0)
-    assert systemd.said == ["WATCHDOG=1", "WATCHDOG_USEC=2000000\nWATCHDOG=1"]
+    assert systemd.messages == ["WATCHDOG=1", "WATCHDOG_USEC=2000000\nWATCHDOG=1"]
     end.set()
     thread.join()
     healthy()
     patience(2.0)
-    assert len(systemd.said) == 2
+    assert len(systemd.messages) == 2

@@ -61,10 +61,10 @@ def test_after_the_first_start_the_pi_has_its_name_its_key_and_its_network(pi, t
     assert (pi / "etc/sudoers.d/010_baqueano").read_text() == "ana ALL=(ALL) NOPASSWD: ALL\n"
     assert "systemctl enable ssh" in calls
     assert "raspi-config nonint do_wifi_country AR" in calls
-    stored = pi / "etc/NetworkManager/system-connections/baqueano.nmconnection"
-    assert stored.stat().st_mode & 0o777 == 0o600
+    connection = pi / "etc/NetworkManager/system-connections/baqueano.nmconnection"
+    assert connection.stat().st_mode & 0o777 == 0o600
     config = configparser.RawConfigParser()
-    config.read(stored)
+    config.read(connection)
     assert config["wifi"]["ssid"] == "it's\\; a $HOME lab"
     assert config["wifi-security"]["psk"] == "p'ss w\\;rd\\\\1"
     assert config["wifi"]["mode"] == ("ap" if own else "infrastructure")
@@ -145,15 +145,15 @@ def test_the_verb_makes_up_a_name_and_a_password_and_tells_what_is_next(pi, tmp_
     key = tmp_path / "key.pub"
     key.write_text(KEY + "\n")
     boot = str(pi / "boot/firmware")
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["robot", "card", boot, "--key", str(key), "--own-network", "--country", "AR"])
-    assert ended.value.code == 0
+    assert exit_info.value.code == 0
     output = capsys.readouterr().out
     assert re.search(
         r"its network: (robot-[0-9a-f]{4}), password [a-z2-9]{10}; there it is 10\.42\.0\.1", output
     )
     assert re.search(r"baqueano robot setup pilot@robot-[0-9a-f]{4}\.local", output)
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["robot", "card", boot, "--key", str(key), "--own-network", "--wifi", "lab"])
-    assert ended.value.code == 2
+    assert exit_info.value.code == 2
     assert "a Pi has one radio" in capsys.readouterr().err

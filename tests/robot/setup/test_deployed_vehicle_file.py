@@ -24,7 +24,7 @@ def calibrated(file, values=FOUND, on=date(2026, 11, 3)):
 
 
 @pytest.fixture
-def there(pi, wheels):
+def vehicle_toml(pi, wheels):
     """The vehicle file of a robot that has its packages already."""
     (pi / "opt/baqueano").mkdir()
     names = [f"{wheel.name} {zlib.crc32(wheel.read_bytes()):08x}" for wheel in sorted(wheels.glob("*.whl"))]
@@ -36,7 +36,7 @@ def there(pi, wheels):
 
 
 def test_a_change_on_the_laptop_reaches_the_robot_and_the_old_file_stays_beside_it(
-    programs, pi, wheels, there, capfd
+    programs, pi, wheels, vehicle_toml, capfd
 ):
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0", "robot.least_battery_v=6.0"]), []
     setup("r1", wheels, PI, vehicle=file, say=lines.append, dry=True, root=str(pi))
@@ -49,25 +49,27 @@ def test_a_change_on_the_laptop_reaches_the_robot_and_the_old_file_stays_beside_
         "would    /var/lib/baqueano/vehicle.toml; the one before is vehicle.toml.before"
         in capfd.readouterr().out
     )
-    assert there.read_text() == SMALL.text
+    assert vehicle_toml.read_text() == SMALL.text
     setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
     assert lines == 2 * changes
-    assert there.read_text() == file.text
-    before = there.with_name("vehicle.toml.before")
+    assert vehicle_toml.read_text() == file.text
+    before = vehicle_toml.with_name("vehicle.toml.before")
     assert before.read_text() == SMALL.text
     lines.clear()
     setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
     assert lines == []
     assert "as it is /var/lib/baqueano/vehicle.toml\n" in capfd.readouterr().out
     remove("r1", PI, root=str(pi))
-    assert (there.read_text(), before.read_text()) == (file.text, SMALL.text)
+    assert (vehicle_toml.read_text(), before.read_text()) == (file.text, SMALL.text)
 
 
-def test_what_was_calibrated_on_the_robot_is_kept_when_the_rest_is_renewed(programs, pi, wheels, there):
-    there.write_text(calibrated(SMALL).text)
+def test_what_was_calibrated_on_the_robot_is_kept_when_the_rest_is_renewed(
+    programs, pi, wheels, vehicle_toml
+):
+    vehicle_toml.write_text(calibrated(SMALL).text)
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []
     setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
-    now = vehicle_file.load(there)
+    now = vehicle_file.load(vehicle_toml)
     assert now.robot.port == "/dev/serial0"
     assert now.robot.imu_axes == ("-y", "x", "z")
     assert now.sensors.imu.gyro_bias == 0.0123
@@ -78,76 +80,78 @@ def test_what_was_calibrated_on_the_robot_is_kept_when_the_rest_is_renewed(progr
         "vehicle.toml  To have it in your file, too: baqueano robot calibrate imu r1 --update. To let your values "
         "count: ssh r1 rm /var/lib/baqueano/vehicle.toml, and type this line again",
     ]
-    text = there.read_text()
+    text = vehicle_toml.read_text()
     setup("r1", wheels, PI, vehicle=file, root=str(pi))
-    assert there.read_text() == text
+    assert vehicle_toml.read_text() == text
 
 
 @pytest.mark.parametrize(
     ("day", "axes"), [(2, ("-y", "x", "z")), (3, ("-y", "x", "z")), (4, ("-x", "-y", "z"))]
 )
-def test_of_two_calibrations_the_later_one_counts(programs, pi, wheels, there, day, axes):
-    there.write_text(calibrated(SMALL).text)
-    mine = calibrated(SMALL, {"robot.imu_axes": ["-x", "-y", "z"]}, date(2026, 11, day))
-    setup("r1", wheels, PI, vehicle=mine, root=str(pi))
-    assert vehicle_file.load(there).robot.imu_axes == axes
+def test_of_two_calibrations_the_later_one_counts(programs, pi, wheels, vehicle_toml, day, axes):
+    vehicle_toml.write_text(calibrated(SMALL).text)
+    calibrated_file = calibrated(SMALL, {"robot.imu_axes": ["-x", "-y", "z"]}, date(2026, 11, day))
+    setup("r1", wheels, PI, vehicle=calibrated_file, root=str(pi))
+    assert vehicle_file.load(vehicle_toml).robot.imu_axes == axes
 
 
-def test_a_calibration_that_agrees_with_the_laptop_goes_on_to_be_one(programs, pi, wheels, there):
-    there.write_text(calibrated(SMALL).text)
+def test_a_calibration_that_agrees_with_the_laptop_goes_on_to_be_one(programs, pi, wheels, vehicle_toml):
+    vehicle_toml.write_text(calibrated(SMALL).text)
     setup("r1", wheels, PI, vehicle=SMALL.with_values(FOUND), root=str(pi))
-    assert {vehicle_file.load(there).provenance[key].run for key in FOUND} == {"calibrate imu"}
+    assert {vehicle_file.load(vehicle_toml).provenance[key].run for key in FOUND} == {"calibrate imu"}
 
 
-def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(programs, pi, wheels, there):
-    there.write_text(calibrated(SMALL).text)
+def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(
+    programs, pi, wheels, vehicle_toml
+):
+    vehicle_toml.write_text(calibrated(SMALL).text)
     text = SMALL.text.replace("[sensors.imu]", "[sensors.gyro]")
     text = text.replace("[estimator]", '[estimator]\nuse = ["gyro"]')
     with refused("setup.no-place-for-calibration", UsageError, host="r1", found="0.0123"):
         setup("r1", wheels, PI, vehicle=vehicle_file.parse(text, "mine"), root=str(pi))
-    assert there.read_text() == calibrated(SMALL).text
+    assert vehicle_toml.read_text() == calibrated(SMALL).text
 
 
 @pytest.mark.parametrize(
-    ("held", "why"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
+    ("content", "reason"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
 )
 def test_a_file_on_the_robot_that_cannot_be_read_is_reported_and_kept_beside_the_new_one(
-    programs, pi, wheels, there, held, why
+    programs, pi, wheels, vehicle_toml, content, reason
 ):
-    there.write_bytes(held)
+    vehicle_toml.write_bytes(content)
     lines = []
     setup("r1", wheels, PI, vehicle=SMALL, say=lines.append, root=str(pi))
-    assert lines[0].startswith(f"vehicle.toml  the vehicle file there is not TOML ({why}")
-    assert there.read_text() == SMALL.text
-    assert there.with_name("vehicle.toml.before").read_bytes() == held
+    assert lines[0].startswith(f"vehicle.toml  the vehicle file there is not TOML ({reason}")
+    assert vehicle_toml.read_text() == SMALL.text
+    assert vehicle_toml.with_name("vehicle.toml.before").read_bytes() == content
     programs(ssh="echo no way >&2; exit 255")
     with refused("setup.file-not-read", RobotUnreachable, host="r1"):
         setup("r1", wheels, PI, vehicle=SMALL, root=str(pi))
 
 
-def test_a_file_that_somebody_changes_meanwhile_is_not_replaced(programs, pi, wheels, there):
+def test_a_file_that_somebody_changes_meanwhile_is_not_replaced(programs, pi, wheels, vehicle_toml):
     """The calibration of another person, between the look and the change."""
     (wheels / "vehicle.toml.seen").write_text("# what was looked at\n")
     step = steps.vehicle(steps.Pi(pi, wheels, "ana"))
     assert not step.done()
     with pytest.raises(SystemExit, match=r"another program changed .*, so it stays as it is"):
         step.do()
-    assert there.read_text() == SMALL.text
+    assert vehicle_toml.read_text() == SMALL.text
 
 
 @pytest.mark.parametrize("own", [True, False])
 def test_a_laptop_without_a_vehicle_file_leaves_the_robots_alone(
-    programs, pi, wheels, there, monkeypatch, tmp_path, capfd, own
+    programs, pi, wheels, vehicle_toml, monkeypatch, tmp_path, capfd, own
 ):
-    there.write_text("# of the robot\n")
+    vehicle_toml.write_text("# of the robot\n")
     monkeypatch.chdir(tmp_path)
     if own:
         SMALL.save("vehicle.toml")
     monkeypatch.setattr(install, "bundle", lambda *options: wheels)
     monkeypatch.setattr(install, "machine_at", lambda host: PI)
     monkeypatch.setattr(install, "setup", partial(setup, root=str(pi)))
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         main(["robot", "setup", "r1"])
-    assert ended.value.code == 0
-    assert there.read_text() == (SMALL.text if own else "# of the robot\n")
+    assert exit_info.value.code == 0
+    assert vehicle_toml.read_text() == (SMALL.text if own else "# of the robot\n")
     assert ("does not contain vehicle.toml" in capfd.readouterr().err) != own

@@ -43,9 +43,9 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     assert (pi / "var/lib/baqueano/vehicle.toml").read_text() == "# mine\n"
     calls = (tmp_path / "calls").read_text()
     assert "usermod -aG dialout,gpio,input,baqueano ana" in calls
-    (made,) = [line for line in calls.splitlines() if line.startswith("useradd")]
-    assert "--system" in made
-    assert "--shell /usr/sbin/nologin baqueano" in made
+    (useradd,) = [line for line in calls.splitlines() if line.startswith("useradd")]
+    assert "--system" in useradd
+    assert "--shell /usr/sbin/nologin baqueano" in useradd
     assert f"chown -R baqueano:baqueano {pi}/var/lib/baqueano\nchmod 2775" in calls
     assert "systemctl enable baqueano.service" in calls
     assert not Path(install.THERE).exists()
@@ -108,10 +108,10 @@ def test_the_service_is_in_no_group_but_those_of_its_devices(programs, pi, wheel
 
 
 def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels, tmp_path):
-    there = (pi / "etc/group").read_text()
+    group = (pi / "etc/group").read_text()
     (pi / "etc/group").write_text("dialout:x:20:\n")
     setup("r1", wheels, PI, root=str(pi))
-    (pi / "etc/group").write_text(there.replace("dialout:x:20:", "dialout:x:20:ana"))
+    (pi / "etc/group").write_text(group.replace("dialout:x:20:", "dialout:x:20:ana"))
     setup("r1", wheels, PI, root=str(pi))
     remove("r1", PI, root=str(pi))
     calls = (tmp_path / "calls").read_text().splitlines()
@@ -128,7 +128,7 @@ def test_su2_a_wheel_that_is_not_the_one_of_the_lock_is_not_installed(programs, 
     wheel.write_bytes(whole + b"\0")  # still a wheel
     with refused("setup.not-finished", RobotUnreachable):
         setup("r1", wheels, PI, root=str(pi))
-    assert ("hash" in (said := capfd.readouterr().err).lower()) or "differs from the lock" in said
+    assert ("hash" in (errors := capfd.readouterr().err).lower()) or "differs from the lock" in errors
     assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
     wheel.write_bytes(whole)
@@ -138,8 +138,8 @@ def test_su2_a_wheel_that_is_not_the_one_of_the_lock_is_not_installed(programs, 
 
 @pytest.mark.parametrize("path", ["boot/firmware/config.txt", "etc/baqueano/setup.json"])
 def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(pi, monkeypatch, path):
-    there = Pi(pi, pi, "ana", lambda *command: "")
-    there.note("something", {"before": "kept"})
+    store = Pi(pi, pi, "ana", lambda *command: "")
+    store.note("something", {"before": "kept"})
     before = (pi / path).read_text()
 
     def fails(file):
@@ -147,7 +147,7 @@ def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(
 
     monkeypatch.setattr(steps.os, "fsync", fails)
     with pytest.raises(OSError, match="the power is gone"):
-        boot_block(there).do() if "config" in path else there.note("more", True)
+        boot_block(store).do() if "config" in path else store.note("more", True)
     assert (pi / path).read_text() == before
 
 
@@ -157,27 +157,27 @@ def test_notes_that_are_damaged_are_reported_with_what_to_type(programs, pi, whe
     for verb in (lambda: setup("r1", wheels, PI, root=str(pi)), lambda: remove("r1", PI, root=str(pi))):
         with pytest.raises(RobotUnreachable):
             verb()
-        assert "setup.json is damaged (Expecting value" in (said := capfd.readouterr().err)
-        assert "sudo mv" in said
-        assert "Traceback" not in said
+        assert "setup.json is damaged (Expecting value" in (errors := capfd.readouterr().err)
+        assert "sudo mv" in errors
+        assert "Traceback" not in errors
 
 
 def test_what_runs_as_root_lies_in_a_folder_that_nobody_made_before(programs, pi, tmp_path):
-    there = Path(install.THERE)
-    there.mkdir(mode=0o777)
-    (there / "json.py").write_text("# of somebody else, and imported before Python's own\n")
-    look = f"ls -A {there} >{tmp_path}/seen; stat -c %a {there} >>{tmp_path}/seen"
+    folder = Path(install.THERE)
+    folder.mkdir(mode=0o777)
+    (folder / "json.py").write_text("# of somebody else, and imported before Python's own\n")
+    look = f"ls -A {folder} >{tmp_path}/seen; stat -c %a {folder} >>{tmp_path}/seen"
     programs(sudo=f'{look}; [ "$1" = -n ] && shift; exec "$@"')
     remove("r1", PI, root=str(pi))
     assert (tmp_path / "seen").read_text().split() == ["steps.py", "700"]
 
 
 def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wheels):
-    theirs = pi / "var/lib/baqueano/vehicle.toml"
-    theirs.parent.mkdir()
-    theirs.write_text("# calibrated\n")
+    vehicle_toml = pi / "var/lib/baqueano/vehicle.toml"
+    vehicle_toml.parent.mkdir()
+    vehicle_toml.write_text("# calibrated\n")
     setup("r1", wheels, PI, root=str(pi))
-    assert theirs.read_text() == "# calibrated\n"
+    assert vehicle_toml.read_text() == "# calibrated\n"
 
 
 @pytest.mark.parametrize(
@@ -282,10 +282,10 @@ def test_systemd_knows_every_line_of_the_unit(tmp_path):
         .replace("/opt/baqueano/bin/baqueano", "/bin/sh")
     )
     done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
-    ours = [
+    complaints = [
         line for line in done.stderr.splitlines() if "baqueano.service" in line
     ]  # it answers 0 to unknown keys
-    assert not ours
+    assert not complaints
     assert done.returncode == 0
 
 

@@ -14,7 +14,7 @@ UNIT = Path(baqueano.robot.__file__).parent / "files/baqueano.service"
 EXPOSURE = 3.0  # of 10, by systemd-analyze
 
 
-class Repeated(dict):
+class MultiDict(dict):
     """Keys that come twice keep all their values."""
 
     def __setitem__(self, key, value):
@@ -26,7 +26,7 @@ class Repeated(dict):
 
 @pytest.fixture
 def service():
-    parser = configparser.RawConfigParser(dict_type=Repeated, strict=False, empty_lines_in_values=False)
+    parser = configparser.RawConfigParser(dict_type=MultiDict, strict=False, empty_lines_in_values=False)
     parser.optionxform = str
     parser.read_string(UNIT.read_text())
     return parser["Service"]
@@ -59,26 +59,26 @@ def test_a_block_reaches_nothing_but_its_own_vehicle(service, key, value):
 def test_it_writes_where_systemd_makes_folders_for_it(service):
     assert service["StateDirectory"] == service["RuntimeDirectory"] == service["CacheDirectory"] == "baqueano"
     start = service["ExecStart"]
-    written = re.findall(r"--(?:vehicle|runs|door) (\S+)", start)
-    assert all(path.startswith(("/var/lib/baqueano/", "/run/baqueano/")) for path in written)
-    assert len(written) == 3
+    paths = re.findall(r"--(?:vehicle|runs|door) (\S+)", start)
+    assert all(path.startswith(("/var/lib/baqueano/", "/run/baqueano/")) for path in paths)
+    assert len(paths) == 3
     assert "XDG_CACHE_HOME=/var/cache/baqueano" in service["Environment"]
 
 
 def test_it_opens_the_devices_that_the_drivers_open(service):
-    allowed = service["DeviceAllow"]
-    assert all(name in allowed for name in ("char-ttyACM", "char-ttyUSB", "char-i2c", "/dev/gpiomem"))
+    devices = service["DeviceAllow"]
+    assert all(name in devices for name in ("char-ttyACM", "char-ttyUSB", "char-i2c", "/dev/gpiomem"))
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="this system has no systemd-analyze")
 def test_systemd_finds_it_hardened(tmp_path):
     unit = tmp_path / "baqueano.service"
     unit.write_text(UNIT.read_text().replace("@user@", "pilot").replace("@groups@", "dialout i2c"))
-    shown = subprocess.run(
+    process = subprocess.run(
         ["systemd-analyze", "security", "--offline=true", "--no-pager", str(unit)],
         capture_output=True, text=True, env={"LC_ALL": "C.UTF-8", "PATH": "/usr/bin:/bin"},
     )  # fmt: skip
-    exposure = re.search(r"Overall exposure level for \S+: ([\d.]+)", shown.stdout)
+    exposure = re.search(r"Overall exposure level for \S+: ([\d.]+)", process.stdout)
     if exposure is None:
         pytest.skip("this systemd-analyze judges no file")
     assert float(exposure[1]) <= EXPOSURE

@@ -40,20 +40,20 @@ def test_stuffing_hides_every_zero_and_comes_undone(body):
 
 def test_stop_is_these_bytes():
     """By hand: kind 4, sequence 0 becomes a distance, CRC of 04 00."""
-    sent = encode(Stop(), 0)
-    assert sent == bytes.fromhex("00 02 04 03") + sent[4:6] + b"\0"
-    assert len(sent) == 7
+    wire = encode(Stop(), 0)
+    assert wire == bytes.fromhex("00 02 04 03") + wire[4:6] + b"\0"
+    assert len(wire) == 7
 
 
 @given(st.lists(st.integers(0, 255), min_size=1, max_size=20), st.randoms(use_true_random=False))
 def test_frames_cut_anywhere_arrive_in_order(sequences, chance):
     wire = b"".join(encode(Ping(seq * 7919), seq) for seq in sequences)
-    decoder, found = Decoder(), []
+    decoder, frames_received = Decoder(), []
     while wire:
         n = chance.randint(1, 9)
-        found += decoder.feed(wire[:n])
+        frames_received += decoder.feed(wire[:n])
         wire = wire[n:]
-    assert found == [ReceivedFrame(seq, Ping(seq * 7919)) for seq in sequences]
+    assert frames_received == [ReceivedFrame(seq, Ping(seq * 7919)) for seq in sequences]
     assert (decoder.bad_crc, decoder.bad_shape) == (0, 0)
 
 
@@ -99,13 +99,13 @@ def test_no_frame_with_up_to_three_bits_changed_is_believed():
     """The polynomial has Hamming distance 4 at these lengths; the length of a COBS run is no part of that."""
     chance = random.Random(3)
     clean = encode(STATE, 9)
-    believed = 0
+    accepted_count = 0
     for _ in range(20_000):
         wire = bytearray(clean)
         for place in chance.sample(range(8, 8 * (len(wire) - 1)), chance.randint(1, 3)):
             wire[place // 8] ^= 1 << place % 8
-        believed += sum(got.frame != STATE for got in Decoder().feed(bytes(wire)))
-    assert believed == 0
+        accepted_count += sum(got.frame != STATE for got in Decoder().feed(bytes(wire)))
+    assert accepted_count == 0
 
 
 def test_a_whole_frame_of_an_unknown_kind_or_length_is_counted_and_ignored():

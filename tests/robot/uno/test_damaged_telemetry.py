@@ -25,16 +25,16 @@ def telemetry(k, rng):
 
 
 @pytest.fixture(scope="module")
-def said():
+def frames_sent():
     """4096 frames that are whole, no two alike."""
     rng = np.random.default_rng(1)
     return [ReceivedFrame(k & 0xFF, telemetry(k, rng)) for k in range(4096)]
 
 
 @pytest.fixture(scope="module")
-def whole(said):
+def whole(frames_sent):
     """(4096, 46) the same on the wire."""
-    return np.array([list(encode(frame, seq)) for seq, frame in said], dtype=np.uint8)
+    return np.array([list(encode(frame, seq)) for seq, frame in frames_sent], dtype=np.uint8)
 
 
 class Kept(Decoder):
@@ -42,20 +42,20 @@ class Kept(Decoder):
 
     def __init__(self):
         super().__init__()
-        self.believed = []
+        self.accepted_frames = []
 
     def feed(self, data):
-        found = super().feed(data)
-        self.believed += found
-        return found
+        frames_received = super().feed(data)
+        self.accepted_frames += frames_received
+        return frames_received
 
 
-def drawn(whole, rng):
+def drawn_frames(whole, rng):
     """(EACH, 46) of them."""
     return whole[rng.integers(len(whole), size=EACH)]
 
 
-def flipped(frames, rng, most):
+def flip_bits(frames, rng, most):
     """1 to `most` bits, no two the same."""
     spare = 8 * (frames.shape[1] - 2) - most
     places = 8 + np.sort(rng.integers(spare + 1, size=(EACH, most)), axis=1) + np.arange(most)
@@ -79,8 +79,8 @@ def replaced(frames, rng):
     """1 to 12 bytes in a row are others."""
     place, n = rng.integers(1, 33, EACH), rng.integers(1, 13, EACH)
     column = np.arange(frames.shape[1])
-    there = (column >= place[:, None]) & (column < (place + n)[:, None])
-    return np.where(there, rng.integers(256, size=frames.shape, dtype=np.uint8), frames)
+    mask = (column >= place[:, None]) & (column < (place + n)[:, None])
+    return np.where(mask, rng.integers(256, size=frames.shape, dtype=np.uint8), frames)
 
 
 def cut(frames, rng):
@@ -88,8 +88,8 @@ def cut(frames, rng):
     place = rng.integers(1, 45, EACH)
     n = rng.integers(1, 41, EACH)
     column = np.arange(frames.shape[1])
-    gone = (column >= place[:, None]) & (column < np.minimum(place + n, 45)[:, None])
-    return frames[~gone]
+    cut_bytes = (column >= place[:, None]) & (column < np.minimum(place + n, 45)[:, None])
+    return frames[~cut_bytes]
 
 
 def inserted(frames, rng):
@@ -97,32 +97,35 @@ def inserted(frames, rng):
     place, n = rng.integers(1, 46, EACH), rng.integers(1, 9, EACH)
     column = np.arange(frames.shape[1] + 8)
     after = column >= (place + n)[:, None]
-    there = (column >= place[:, None]) & ~after
+    mask = (column >= place[:, None]) & ~after
     source = np.where(after, column - n[:, None], np.minimum(column, frames.shape[1] - 1))
     longer = np.take_along_axis(frames, np.minimum(source, frames.shape[1] - 1), axis=1)
-    longer = np.where(there, rng.integers(256, size=longer.shape, dtype=np.uint8), longer)
+    longer = np.where(mask, rng.integers(256, size=longer.shape, dtype=np.uint8), longer)
     return longer[column < (frames.shape[1] + n)[:, None]]
 
 
-def joined(frames, others, rng):
+def joined_frames(frames, next_frames, rng):
     """The head of one with the tail of another."""
     place = rng.integers(2, 44, EACH)
-    return np.where(np.arange(frames.shape[1]) < place[:, None], frames, others)
+    return np.where(np.arange(frames.shape[1]) < place[:, None], frames, next_frames)
 
 
 DAMAGE = {  # name: (what it does, whether a CRC of 16 bits sees all of it)
-    "3 bits": (lambda whole, rng: flipped(drawn(whole, rng), rng, 3), True),
-    "8 bits": (lambda whole, rng: flipped(drawn(whole, rng), rng, 8), False),
-    "a burst of 16": (lambda whole, rng: burst(drawn(whole, rng), rng, 16), True),
-    "a burst of 40": (lambda whole, rng: burst(drawn(whole, rng), rng, 40), False),
-    "other bytes": (lambda whole, rng: replaced(drawn(whole, rng), rng), False),
-    "bytes lost": (lambda whole, rng: cut(drawn(whole, rng), rng), False),
-    "bytes more": (lambda whole, rng: inserted(drawn(whole, rng), rng), False),
-    "another's tail": (lambda whole, rng: joined(drawn(whole, rng), drawn(whole, rng), rng), False),
+    "3 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 3), True),
+    "8 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 8), False),
+    "a burst of 16": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 16), True),
+    "a burst of 40": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 40), False),
+    "other bytes": (lambda whole, rng: replaced(drawn_frames(whole, rng), rng), False),
+    "bytes lost": (lambda whole, rng: cut(drawn_frames(whole, rng), rng), False),
+    "bytes more": (lambda whole, rng: inserted(drawn_frames(whole, rng), rng), False),
+    "another's tail": (
+        lambda whole, rng: joined_frames(drawn_frames(whole, rng), drawn_frames(whole, rng), rng),
+        False,
+    ),
 }
 
 
-def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(said, whole):
+def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(frames_sent, whole):
     rng, line = np.random.default_rng(2026), Line()
     uno = Uno(line, lambda: line.now_ns)
     uno._decoder = Kept()
@@ -133,9 +136,9 @@ def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(said
             line.coming = data[start : start + AT_ONCE]
             line.now_ns += 10_000_000
             uno.receive()
-        wrong[name] = len(set(uno._decoder.believed) - set(said))
-        uno._decoder.believed.clear()
-    assert all(wrong[name] == 0 for name, (_, seen) in DAMAGE.items() if seen), wrong
+        wrong[name] = len(set(uno._decoder.accepted_frames) - set(frames_sent))
+        uno._decoder.accepted_frames.clear()
+    assert all(wrong[name] == 0 for name, (_, is_accepted) in DAMAGE.items() if is_accepted), wrong
     assert sum(wrong.values()) <= len(DAMAGE) * EACH / 65_536, wrong  # measured: 6 of 15
     line.say(info())
     line.say(state(10))

@@ -56,8 +56,8 @@ def test_defaults_are_within_their_ranges():
 
 def test_a_number_out_of_range_is_named_with_its_place():
     ways = (frames.Way(),) * 3 + (frames.Way(slope_permille=99),)
-    found = frames.outside(frames.Settings(ways=ways))
-    assert found == ("ways[3].slope_permille", 99, Within(100, 3000))
+    fault = frames.outside(frames.Settings(ways=ways))
+    assert fault == ("ways[3].slope_permille", 99, Within(100, 3000))
 
 
 def test_a_number_without_a_range_is_held_to_its_width():
@@ -81,12 +81,12 @@ def test_a_c_compiler_lays_each_frame_out_as_python_does(tmp_path):
         f'#include <stddef.h>\n#include <stdio.h>\n#include "{HEADER}"\nint main(void) {{\n{body}\nreturn 0; }}\n'
     )
     subprocess.run(["gcc", "-std=c11", "-o", tmp_path / "layout", source], check=True)
-    said = subprocess.run([tmp_path / "layout"], capture_output=True, text=True, check=True).stdout
-    told = dict(line.split() for line in said.splitlines())
+    printed = subprocess.run([tmp_path / "layout"], capture_output=True, text=True, check=True).stdout
+    places = dict(line.split() for line in printed.splitlines())
     for layout in LAYOUTS:
         name, place = snake(layout.__name__), 0
         for field in FIELDS[layout]:
-            assert int(told[f"{name}.{field.path}"]) == place
+            assert int(places[f"{name}.{field.path}"]) == place
             place += struct.calcsize(field.code)
         if FIELDS[layout]:
-            assert int(told[name]) == place == STRUCTS[layout].size
+            assert int(places[name]) == place == STRUCTS[layout].size

@@ -89,12 +89,12 @@ def test_the_sequence_goes_on_from_the_command_that_the_firmware_obeyed_last(lin
     assert [seq for frame, seq in line.sent if isinstance(frame, Drive)] == [201, 202]
 
 
-@pytest.mark.parametrize("refused", [65, 200, 255])
-def test_after_commands_that_never_were_obeyed_it_goes_on_from_the_last_that_was(line, uno, refused):
+@pytest.mark.parametrize("count_refused", [65, 200, 255])
+def test_after_commands_that_never_were_obeyed_it_goes_on_from_the_last_that_was(line, uno, count_refused):
     uno.arm()
     line.say(state(10, flags=StateFlag.ARMED, seq=1))
     uno.pump()
-    for _ in range(refused):
+    for _ in range(count_refused):
         uno.drive(0.1, 0.1)
     line.say(state(20, flags=StateFlag.ARMED, seq=1))
     uno.pump()
@@ -116,8 +116,8 @@ def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, u
     line.say(state(10))
     line.seq += 1  # a frame that never comes
     line.say(state(30, sums=(20 * 400, -20 * 100)))
-    said = uno.receive()
-    np.testing.assert_allclose(said[-1].applied, [0.4, -0.1])
+    measurements = uno.receive()
+    np.testing.assert_allclose(measurements[-1].applied, [0.4, -0.1])
     assert uno.statistics.lost == 1
 
 
@@ -158,8 +158,8 @@ def test_every_reason_of_the_firmware_is_reported(line, uno, flags, code, figure
     uno.drive(0.5, 0.5)
     line.say(state(10, flags=StateFlag.ARMED))
     line.say(state(20, flags=flags, age=310))
-    stopped = uno.receive()[-1].stopped
-    assert (stopped.code, stopped.figures) == (code, figures)
+    stop_reason = uno.receive()[-1].stopped
+    assert (stop_reason.code, stop_reason.figures) == (code, figures)
 
 
 def test_arming_that_was_lost_is_reported_again_before_each_command_until_telemetry_shows_it(line, uno):
@@ -188,8 +188,8 @@ def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
     for t_ms, trouble in [(400, False), (590, False), (610, True)]:
         line.now_ns = t_ms * MS
         line.say(state(t_ms))
-        stopped = uno.receive()[-1].stopped
-        assert (stopped is not None and stopped.code == StopReason.UNO_DEAF) == trouble
+        stop_reason = uno.receive()[-1].stopped
+        assert (stop_reason is not None and stop_reason.code == StopReason.UNO_DEAF) == trouble
     uno.arm()
     line.say(state(620))
     assert uno.receive()[-1].stopped is None, "it is told anew, and has as long"
@@ -227,16 +227,16 @@ def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_ha
         line.now_ns = k * 10 * MS
         measured_ns = line.now_ns - round(rng.uniform(0.2, 1.2) * MS)
         line.say(state(0)._replace(t_us=device(measured_ns)))
-        said = uno.receive()
+        measurements = uno.receive()
         for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
-            there, back = rng.uniform(0.2, 1.2, 2) * MS
+            forth_ns, back = rng.uniform(0.2, 1.2, 2) * MS
             late = 4 * MS if rng.random() < 0.15 else 0
-            line.say(Pong(ping.token, device(line.now_ns + round(there))))
-            line.now_ns += round(there + back) + late
+            line.say(Pong(ping.token, device(line.now_ns + round(forth_ns))))
+            line.now_ns += round(forth_ns + back) + late
             uno.pump()
         line.sent.clear()
         if k > 1000:
-            errors.append(said[-1].t_ns - measured_ns)
+            errors.append(measurements[-1].t_ns - measured_ns)
     assert abs(uno.clock.skew - 1 / rate + 1) < 2e-4
     assert np.std(errors) < 0.5 * MS
 
@@ -314,9 +314,9 @@ def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_beli
     line.say(info())
     line.say(state(10, left=100))
     line.coming += line.coming
-    first, swapped = state(20, left=200), state(30, left=300)
+    first, late_frame = state(20, left=200), state(30, left=300)
     line.seq += 1
-    line.say(swapped)
+    line.say(late_frame)
     line.coming += encode(first, line.seq - 1)
     line.say(state(40, left=400))
     assert len(uno.receive()) == 3
@@ -358,10 +358,10 @@ def test_half_a_million_damaged_bytes_are_not_telemetry():
     rng = np.random.default_rng(5)
     whole = encode(state(10), 1)
     for _ in range(5000):
-        damaged = bytearray(whole)
+        damaged_frame = bytearray(whole)
         for place in rng.integers(1, len(whole) - 1, rng.integers(1, 4)):
-            damaged[place] ^= 1 << int(rng.integers(8))
-        line.coming += bytes(damaged) if bytes(damaged) != whole else b""
+            damaged_frame[place] ^= 1 << int(rng.integers(8))
+        line.coming += bytes(damaged_frame) if bytes(damaged_frame) != whole else b""
         line.coming += rng.integers(1, 256, 60, dtype=np.uint8).tobytes()
     assert uno.receive() == []
     assert uno.statistics.damaged > 5000

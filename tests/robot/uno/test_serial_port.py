@@ -55,36 +55,36 @@ def test_rt10_a_line_that_takes_nothing_ends_a_write_soon(ends):
     _, path = ends
     port = SerialPort(path)
     port.open()
-    refused: list[float] = []
-    while len(refused) < 10:
-        begun = time.monotonic()
+    refusal_times: list[float] = []
+    while len(refusal_times) < 10:
+        start_s = time.monotonic()
         try:
             port.write(bytes(100))
         except OSError:
-            refused.append(time.monotonic() - begun)
+            refusal_times.append(time.monotonic() - start_s)
     port.close()
-    assert min(refused) < 0.1  # WRITE_S is 0.01 s; the machine is not loaded in all of them
+    assert min(refusal_times) < 0.1  # WRITE_S is 0.01 s; the machine is not loaded in all of them
 
 
 def test_rt10_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
     monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
     _, path = ends
-    port, done, reopened = SerialPort(path), threading.Event(), threading.Event()
+    port, done, port_open = SerialPort(path), threading.Event(), threading.Event()
 
-    class Asked:
+    class Link:
         def pump(self):
             with contextlib.suppress(OSError):
                 port.read()
 
         def reopened(self):
-            reopened.set()
+            port_open.set()
 
-    listener = threading.Thread(target=listen, args=(port, Asked(), done))
+    listener = threading.Thread(target=listen, args=(port, Link(), done))
     listener.start()
-    assert reopened.wait(5.0)
-    reopened.clear()
+    assert port_open.wait(5.0)
+    port_open.clear()
     port.close()
-    assert reopened.wait(5.0)
+    assert port_open.wait(5.0)
     done.set()
     listener.join()
     port.close()

@@ -53,14 +53,14 @@ def test_the_reason_says_for_how_long_and_when_the_motors_went_off(line):
     assert uno.stood_still().figures == {"still_s": 0.8, "dead_man_s": 0.3}
 
 
-@pytest.mark.parametrize("said", ["nothing", "well", "dead man", "disarmed"])
-def test_telemetry_of_the_time_in_between_changes_nothing(line, said):
+@pytest.mark.parametrize("outcome", ["nothing", "well", "dead man", "disarmed"])
+def test_telemetry_of_the_time_in_between_changes_nothing(line, outcome):
     flags = {"well": StateFlag.ARMED, "dead man": StateFlag.ARMED | StateFlag.DEAD_MAN, "disarmed": 0}
     uno = armed(line)
     line.now_ns += 800 * MS
-    if said != "nothing":
+    if outcome != "nothing":
         for t_ms in range(20, 800, 10):
-            line.say(state(t_ms, flags=flags[said]))
+            line.say(state(t_ms, flags=flags[outcome]))
     uno.pump()  # the listening thread may be the first to wake
     uno.receive()
     assert uno.stood_still().code == StopReason.STANDSTILL

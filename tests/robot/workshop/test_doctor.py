@@ -14,7 +14,7 @@ def only(checks):
     return check
 
 
-def put(root, path, text):
+def put_file(root, path, text):
     (root / path).parent.mkdir(parents=True, exist_ok=True)
     (root / path).write_text(text)
 
@@ -28,7 +28,7 @@ def put(root, path, text):
     ],
 )
 def test_the_supply_of_a_pi_is_reported_from_its_bits(tmp_path, bits, verdict, figure):
-    put(tmp_path, doctor.THROTTLED, bits + "\n")
+    put_file(tmp_path, doctor.THROTTLED, bits + "\n")
     assert only(doctor.power(tmp_path))[1:3] == (verdict, figure)
 
 
@@ -41,14 +41,14 @@ def test_what_this_machine_does_not_tell_is_unknown_and_not_held_against_it(tmp_
 
 
 def test_heat_and_a_clock_that_steps_are_warned_of(tmp_path):
-    put(tmp_path, "sys/class/thermal/thermal_zone0/temp", "81000\n")
-    put(tmp_path, "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "ondemand\n")
+    put_file(tmp_path, "sys/class/thermal/thermal_zone0/temp", "81000\n")
+    put_file(tmp_path, "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "ondemand\n")
     assert only(doctor.temperature(tmp_path))[1:3] == ("warn", "81 °C")
     assert only(doctor.governor(tmp_path))[1:3] == ("warn", "ondemand")
 
 
 def test_a_user_outside_a_group_is_reported_how_to_join_it(tmp_path, monkeypatch):
-    put(tmp_path, "etc/group", "root:x:0:\ndialout:x:20:\ni2c:x:998:\n")
+    put_file(tmp_path, "etc/group", "root:x:0:\ndialout:x:20:\ni2c:x:998:\n")
     monkeypatch.setattr(os, "getgroups", lambda: [20])
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     serial, i2c, gpio = doctor.groups(tmp_path)
@@ -78,11 +78,11 @@ def test_a_battery_is_judged_by_its_limit():
 def test_real_time_and_jitter_tell_a_figure_and_leave_the_priority_as_it_was():
     before = os.sched_getscheduler(0)
     assert "SCHED_FIFO" in only(doctor.realtime()).figure
-    said = []
-    check = only(doctor.jitter(0.2, said.append))
+    texts = []
+    check = only(doctor.jitter(0.2, texts.append))
     assert "of 20 ticks" in check.figure
     assert "p99" in check.figure
-    assert said == ["measures the wake-up error of a 100 Hz loop for 0.2 s"]
+    assert texts == ["measures the wake-up error of a 100 Hz loop for 0.2 s"]
     assert os.sched_getscheduler(0) == before
 
 
@@ -120,8 +120,8 @@ def test_hardware_that_is_not_there_is_bad_and_not_the_end(tmp_path, monkeypatch
     monkeypatch.setattr(serial_port, "OTHERS", ())
     hardware = vehicle_file.load("small").robot
     report = doctor.examine(hardware, tmp_path, tmp_path)
-    found = {check.name: check for check in report.checks}
-    assert "is its USB cable plugged in" in found["serial line"].remedy.lower().replace(
+    checks = {check.name: check for check in report.checks}
+    assert "is its USB cable plugged in" in checks["serial line"].remedy.lower().replace(
         "is its usb", "is its USB"
     )
-    assert {"IMU", "group i2c", "supply", "disk", "clock", "real time"} <= set(found)
+    assert {"IMU", "group i2c", "supply", "disk", "clock", "real time"} <= set(checks)

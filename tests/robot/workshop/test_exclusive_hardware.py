@@ -34,7 +34,7 @@ MOUNTED = MountedImu(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3
 def programs(tmp_path, monkeypatch):
     """`programs(ssh="…")`: shell scripts in front of the path; what they were called with is in the file `calls`."""
 
-    def put(**scripts):
+    def put_scripts(**scripts):
         for name, text in scripts.items():
             path = tmp_path / name
             path.write_text(f'#!/bin/sh\necho "{name} $*" >>{tmp_path}/calls\n{text}\n')
@@ -42,24 +42,24 @@ def programs(tmp_path, monkeypatch):
         monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
         return tmp_path / "calls"
 
-    return put
+    return put_scripts
 
 
 def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
-    calls, said = programs(systemctl="exit 0", sudo='shift; exec "$@"'), []
-    with exclusive_hardware.service_off(said.append):
+    calls, texts = programs(systemctl="exit 0", sudo='shift; exec "$@"'), []
+    with exclusive_hardware.service_off(texts.append):
         assert "systemctl stop baqueano.service" in calls.read_text()
         assert "start" not in calls.read_text()
     assert "systemctl start baqueano.service" in calls.read_text()
-    assert said == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
+    assert texts == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
 
 
 def test_a_service_that_does_not_start_again_is_reported_with_what_to_type(programs):
     programs(systemctl='case "$1" in start) echo Unit is masked. >&2; exit 1;; esac', sudo='shift; exec "$@"')
-    said = []
-    with exclusive_hardware.service_off(said.append):
+    texts = []
+    with exclusive_hardware.service_off(texts.append):
         pass
-    assert said == [
+    assert texts == [
         "baqueano.service stopped meanwhile",
         "baqueano.service was not started again (Unit is masked.). Type: sudo systemctl start baqueano.service",
     ]
@@ -131,10 +131,10 @@ DOCTOR = (
 
 
 @pytest.mark.parametrize(
-    ("ending_s", "ssh", "said"),
+    ("ending_s", "ssh", "message"),
     [(60, "cat >/dev/null; echo last words >&2", "last words"), (0.1, "exec sleep 1000", "")],
 )
-def test_ctrl_c_here_ends_what_is_done_there_and_waits_for_its_last_words(programs, ending_s, ssh, said):
+def test_ctrl_c_here_ends_what_is_done_there_and_waits_for_its_last_words(programs, ending_s, ssh, message):
     calls = programs(ssh=f"read sign; echo $$ >>$0.pid; {ssh}")
     pid = Path(calls.parent / "ssh.pid")
     with subprocess.Popen(
@@ -148,9 +148,9 @@ def test_ctrl_c_here_ends_what_is_done_there_and_waits_for_its_last_words(progra
             assert time.monotonic() < end
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal sends it, to ssh too
-        _, told = process.communicate(timeout=60.0)
+        _, printed = process.communicate(timeout=60.0)
     assert process.returncode == 130
-    assert said in told
+    assert message in printed
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid.read_text()), 0)
 
@@ -160,10 +160,10 @@ def at_host(programs, rows):
     return programs(ssh=f"echo '{answer}'")
 
 
-def told(arguments):
-    with pytest.raises(SystemExit) as ended:
+def exit_code(arguments):
+    with pytest.raises(SystemExit) as exit_info:
         main(arguments)
-    return ended.value.code
+    return exit_info.value.code
 
 
 def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
@@ -172,7 +172,7 @@ def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
     calls = at_host(programs, MOUNTED.rows())
     monkeypatch.chdir(tmp_path)
     vehicle_file.load("small").save("vehicle.toml")
-    assert told(["robot", "calibrate", "imu", "r1", "--update"]) == 0
+    assert exit_code(["robot", "calibrate", "imu", "r1", "--update"]) == 0
     assert "calibrate imu --vehicle /var/lib/baqueano/vehicle.toml --update --json" in calls.read_text()
     file = vehicle_file.load("vehicle.toml")
     assert file.robot.imu_axes == ("-y", "x", "z")
@@ -182,7 +182,7 @@ def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
 
 def test_motors_at_a_host_are_reported_here(programs, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    found = Motors(
+    motors = Motors(
         Settings(1, ways=(Way(300, 700, 0),) * 4),
         (Sweep(0.4, 0.3, 9.0, 0.0),) * 4,
         (0.1, 0.0),
@@ -190,25 +190,25 @@ def test_motors_at_a_host_are_reported_here(programs, tmp_path, monkeypatch, cap
         (1.0, 0.0),
         (0.2, 0.0),
     )
-    at_host(programs, found.rows())
-    assert told(["robot", "calibrate", "motors", "r1"]) == 0
-    assert capsys.readouterr().out.strip() == found.table()
+    at_host(programs, motors.rows())
+    assert exit_code(["robot", "calibrate", "motors", "r1"]) == 0
+    assert capsys.readouterr().out.strip() == motors.table()
 
 
 @pytest.mark.parametrize(("verdict", "code"), [("warn", 0), ("bad", 1)])
 def test_a_doctor_at_a_host_ends_with_its_verdict(programs, verdict, code, capsys):
     calls = at_host(programs, [{"name": "clock", "verdict": verdict, "figure": "1970", "remedy": "wait"}])
-    assert told(["robot", "doctor", "r1", "--jitter"]) == code
+    assert exit_code(["robot", "doctor", "r1", "--jitter"]) == code
     assert "--runs /var/lib/baqueano/runs --jitter=10 --json" in calls.read_text()
     assert "→ wait" in capsys.readouterr().out
 
 
 def test_flash_at_a_host_writes_the_package_that_is_there(programs, capsys):
     at_host(programs, [{"port": "/dev/ttyACM0", "bytes": 5916, "version": "1.0.0", "boots": 7}])
-    assert told(["robot", "flash", "r1"]) == 0
+    assert exit_code(["robot", "flash", "r1"]) == 0
     assert "5916 bytes written and read back; firmware 1.0.0" in capsys.readouterr().out
 
 
 def test_a_hex_file_of_this_computer_is_not_for_a_host(capsys):
-    assert told(["robot", "flash", "r1", "--hex", "mine.hex"]) == 2
+    assert exit_code(["robot", "flash", "r1", "--hex", "mine.hex"]) == 2
     assert "--hex is a file of this computer" in capsys.readouterr().err
