@@ -169,7 +169,7 @@ class AugmentedEkf:
         gap, place_doubt = innovations[:2]
         lasting = lasting_part(belief.lasting, x.mean[6:SCALES], row.dt_s)
         after = AugmentedBelief(
-            tick.t_ns, *x, lasting, model_nu, gap, update.doubt, place_doubt, quiet_s, drivetrain
+            tick.t_ns, x.mean, x.cov, lasting, model_nu, gap, update.doubt, place_doubt, quiet_s, drivetrain
         )
         after = chosen(row.new, after, belief)
         pose_and_velocity, of_nu = (

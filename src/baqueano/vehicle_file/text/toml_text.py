@@ -118,15 +118,15 @@ def _syntax(cause: str, text: str, name: str) -> Diagnostic:
     lines = text.splitlines()
     number = int(match[1]) if match else len(lines)
     line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
-    message = re.sub(r"\s*\(at .*\)$", "", cause)
+    problem = re.sub(r"\s*\(at .*\)$", "", cause)
     at: dict[str, Any] = {"file": name, "line": number, "found": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
         return fault("toml.decimal-comma", with_point=with_point, **at)
     if re.search(r"=\s*\[.*\d,\d", line):
-        return fault("toml.decimal-commas", error=message[:1].lower() + message[1:], **at)
-    if "overwrite" in message or "twice" in message or "mutate" in message or "already" in message:
+        return fault("toml.decimal-commas", error=problem[:1].lower() + problem[1:], **at)
+    if "overwrite" in problem or "twice" in problem or "mutate" in problem or "already" in problem:
         return fault("toml.twice", **at)
     if re.search(r"=\s*[A-Za-z]", line):
         return fault("toml.no-quotes", **at)
-    return fault("toml.syntax", error=message[:1].lower() + message[1:], **at)
+    return fault("toml.syntax", error=problem[:1].lower() + problem[1:], **at)
