@@ -20,7 +20,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.correction import corrected
-from baqueano.estimators.augmented.motion import ahead, beside_wheels, lasting_part, scaled
+from baqueano.estimators.augmented.motion import ahead, beside_wheels, scaled, slow_part
 from baqueano.estimators.augmented.state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian
@@ -46,7 +46,7 @@ class AugmentedBelief(NamedTuple):
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (n,) of (1); biases and scales as differences from the file's
     cov: np.ndarray  # (n, n)
-    lasting: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not fade
+    slow: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not fade
     model_nu: np.ndarray  # (3,) of the model by the commands alone
     gap: np.ndarray  # (m,) the last innovation of each number
     doubt: np.ndarray  # (2, 2) of speed and yaw rate: by how much, for how long  doubt.py
@@ -144,7 +144,7 @@ class AugmentedEkf:
         """One row, finite and positive definite whatever its length."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
-        x = ahead(self, Gaussian(belief.mean, belief.cov), belief.lasting, effort, row)
+        x = ahead(self, Gaussian(belief.mean, belief.cov), belief.slow, effort, row)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # of a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
@@ -167,9 +167,9 @@ class AugmentedEkf:
         update = doubted(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
         x = x._replace(cov=x.cov + block_diagonal([update.of_pose, np.zeros((len(x.mean) - 3,) * 2)]))
         gap, place_doubt = innovations[:2]
-        lasting = lasting_part(belief.lasting, x.mean[6:SCALES], row.dt_s)
+        slow = slow_part(belief.slow, x.mean[6:SCALES], row.dt_s)
         after = AugmentedBelief(
-            tick.t_ns, x.mean, x.cov, lasting, model_nu, gap, update.doubt, place_doubt, quiet_s, drivetrain
+            tick.t_ns, x.mean, x.cov, slow, model_nu, gap, update.doubt, place_doubt, quiet_s, drivetrain
         )
         after = chosen(row.new, after, belief)
         pose_and_velocity, of_nu = (

@@ -36,13 +36,13 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 
-LASTING_S = 2.0  # over which d̄ follows d: a bend of the path
+SLOW_S = 2.0  # over which d̄ follows d: a bend of the path
 
 
 def ahead(
-    estimator: "AugmentedEkf", x: Gaussian, lasting: np.ndarray, effort: Effort, row: FilterRow
+    estimator: "AugmentedEkf", x: Gaussian, slow: np.ndarray, effort: Effort, row: FilterRow
 ) -> Gaussian:
-    """Return the state (n,), (n, n) one row later; `lasting` (2,) is d̄.  (2)-(4)"""
+    """Return the state (n,), (n, n) one row later; `slow` (2,) is d̄.  (2)-(4)"""
     n = len(x.mean)
     walks = [
         np.array([bias.of(estimator.sensors, bias.walk) ** 2 * row.dt_s]) for bias in layout(estimator).biases
@@ -55,14 +55,14 @@ def ahead(
             [unsure, np.zeros((n - 3, n - 3))]
         )
 
-    motion = predict(x, lambda mean: move(estimator, mean, lasting, effort, row.moved_s, x.cov[2, 2]), R)
+    motion = predict(x, lambda mean: move(estimator, mean, slow, effort, row.moved_s, x.cov[2, 2]), R)
     return Gaussian(motion.mean, bounded(motion.cov))
 
 
 def move(
     estimator: "AugmentedEkf",
     mean: np.ndarray,
-    lasting: np.ndarray,
+    slow: np.ndarray,
     effort: Effort,
     dt_s: Value,
     spread: Value = 0.0,
@@ -77,13 +77,13 @@ def move(
     short = 0.5 * dt_s * mean[BEND] * np.sqrt(0.75) * spread / (1.0 + 0.5 * spread)
     along = along - short * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
     eta = eta + map_from_body(eta[2]) @ (way * D + along)
-    fading = lasting + (d - lasting) * np.exp(-dt_s / estimator.disturbance_fade_s)
+    fading = slow + (d - slow) * np.exp(-dt_s / estimator.disturbance_fade_s)
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, fading, mean[SCALES:]])
 
 
-def lasting_part(before: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
+def slow_part(before: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return d̄ (2,) a row later.  (3)"""
-    return before + (d - before) * (1.0 - np.exp(-dt_s / LASTING_S))
+    return before + (d - before) * (1.0 - np.exp(-dt_s / SLOW_S))
 
 
 def pushed(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
