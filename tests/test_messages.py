@@ -33,16 +33,7 @@ NAMES = {  # with a blank: cases of studies, verdicts on a filter
 }  # fmt: skip
 LISTS_OF_NAMES = {"SOUND", "MENDED", "NOT_FOR_CARS", "SUMS", "BATTERY", "KINDS", "FANCY_INDEX"}
 FILES = {"file", "vehicle", "vehicle_file"}  # their `text` is TOML
-PROSE = {
-    "text",
-    "why",
-    "reason",
-    "trouble",
-    "sentence",
-    "message",
-    "remedy",
-    "stopped",
-}  # names that would hold one
+PROSE = {"text", "why", "trouble", "sentence", "message", "remedy", "stopped"}  # names that would hold one
 READING = {"startswith", "endswith", "partition", "rpartition", "split", "rsplit", "find", "index", "rstrip",
            "removeprefix", "removesuffix", "strip", "splitlines"}  # fmt: skip
 MATCHING = {"match", "search", "fullmatch", "findall", "finditer"}

@@ -149,7 +149,7 @@ def test_sound_figures_are_usable():
         ({"verdict": "WARN"}, "0 % USABLE, expected 95 %"),
         ({"case": "rough", "sd": 1.8}, "standard errors of 1.80 bounds"),
         ({"case": "floor", "off": 30.0}, "wrong fits were called USABLE"),
-        ({"case": "wrong start", "met": False}, "200 ended elsewhere and did not say so"),
+        ({"case": "wrong start", "within_limits": False}, "200 ended elsewhere and did not say so"),
         ({"case": "understeer", "off": 3.0}, "are held or named"),
         (
             {"case": "matched", "reasons": (("residual.missing", "model.drivetrain.lag_s"),)},
