@@ -88,4 +88,7 @@ def test_a_run_is_reported_of_once_it_is_whole(service, robot, door):
     done, _ = drive(service, spin())
     assert folders == [[]]
     assert answer_to(door, "runs")["runs"] == [done["run"]]
-    assert [m["is"] for m in service.messages][-2:] == ["state", "done"]  # whoever fetches it then finds it
+    assert [m["is"] for m in service.messages][-2:] == [
+        "state",
+        "done",
+    ]  # a client that fetches it then finds it

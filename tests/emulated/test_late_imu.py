@@ -48,7 +48,7 @@ def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_n
     assert service.machine.why.code == StopReason.IMU_ABSENT
     assert text(service.machine.why).startswith("no IMU: No IMU answers at 0x68")
     assert [m["why"] for m in service.messages if m["is"] == "state"][-1] == service.machine.why
-    assert service.texts == [text(service.machine.why)], "told once, however often it was looked for"
+    assert service.texts == [text(service.machine.why)], "reported once, however often it was looked for"
     for mission in (spin(), packed(Mission("teach"), vehicle_file.load("small"))):
         done, run = drive(service, mission)
         assert "no IMU" in text(done["why"])

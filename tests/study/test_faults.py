@@ -230,7 +230,7 @@ def test_a_lost_sign_leaves_the_first_half_alone(sound, seed):
     np.testing.assert_array_equal(bad.applied[:1500], run.applied[:1500])
     np.testing.assert_array_equal(bad.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
     has_changed = np.any(bad.applied != run.applied) or np.any(bad.sensors["imu"].z != run.sensors["imu"].z)
-    assert has_changed or seed in (1, 2)  # the channel that counts up has no sign to lose
+    assert has_changed or seed in (1, 2)  # the channel that counts up cannot lose a sign
 
 
 def test_rates_and_lengths_are_those_of_the_fault(sound):

@@ -122,7 +122,7 @@ class AugmentedEkf:
         check_use(self.sensors, (*self.use, *self.speed_from), by_number=True)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> AugmentedBelief:
-        """At rest at the origin, unless told otherwise."""
+        """Begin at η (3,) with ν (3,), at rest at the origin without them."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         its = layout(self)
         mean, gap = np.concatenate([eta, nu, np.zeros(its.size - 6)]), np.zeros(len(its.moving))

@@ -380,7 +380,7 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
 
 
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
-    """The mark's place is told in the body's axes, x the way in which the wheels roll."""
+    """The mark's place is in the axes of the body, x the way in which the wheels roll."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
     words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 

@@ -77,7 +77,7 @@ class Live:
         self._vehicle, self._routes = self._vehicle or vehicle, self._routes or routes
 
     async def run(self) -> None:
-        """Hear the service until it ends; then every browser is told."""
+        """Read what the service sends until it ends, then inform every browser."""
         ticking = asyncio.create_task(self._tell_states())
         try:
             await self._link.hear(self._receive)

@@ -92,7 +92,7 @@ class ImuSource(Protocol):
         ...
 
     def events(self) -> Sequence[HardwareEvent]:
-        """Return its events since the last time, each with its message as `said`."""
+        """Return its events since the last time, each with its `message`."""
         ...
 
     def read(self) -> list[Sample]:

@@ -20,7 +20,7 @@ POINTS = 200  # of the curve of costs
 
 
 class PageOfDrives:
-    """A page process that is told what to show; one that has gone is told nothing."""
+    """A page process that gets what to show; nothing is sent to one that has ended."""
 
     def __init__(self, program: "subprocess.Popen[bytes] | None") -> None:
         self._program = program

@@ -119,7 +119,7 @@ class SimulatedService:
         self.shaken.ask_again()
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
-        """Drive a mission as far as it comes; `outcome` is told of it then."""
+        """Drive a mission to its end or its stop, and write how it ended into `outcome`."""
         self.file = refreshed(self.file)
         with planned(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)

@@ -91,7 +91,7 @@ def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
-    """Covariance (k, k) of the entries `kept` of θ, the others held.  (1), (3)"""
+    """Covariance (k, k) of the entries `identifiable` of θ, the others held.  (1), (3)"""
     at = np.ix_(identifiable, identifiable)
     scale = np.sqrt(np.diagonal(info.bread)[identifiable])
     scale = np.where(scale > 0.0, scale, 1.0)

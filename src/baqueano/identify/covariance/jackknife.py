@@ -40,9 +40,10 @@ def jackknife(
     alike: bool = False,
     by_piece: bool = False,
 ) -> np.ndarray | None:
-    """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p), of runs that are cut that without
-    their starts; None of too few blocks, of no entries, or of a model that ran away; if `alike`, also where a block
-    has more than MOST_KNOWN. If `by_piece`, each piece is a block, which may have MOST_OF_PIECE; None of whole runs."""
+    """(2), (k, k), of the `identifiable` entries of θ with the information `bread` (p, p). Runs that are cut count
+    without their starts. None of too few blocks, of no entries, or of a model that ran away; if `alike`, also where
+    a block has more than MOST_KNOWN. If `by_piece`, each piece is a block, which may have MOST_OF_PIECE; None of
+    whole runs."""
     if not len(identifiable) or (by_piece and not _is_cut(problem)):
         return None
     A = bread[np.ix_(identifiable, identifiable)]
@@ -138,8 +139,8 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
 def no_smaller(
     problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_piece: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p) with the errors of `told` (p, p) where these are larger. It does so for the k shared entries,
-    which come first, if the blocks (`by_piece`: the pieces) disagree.  (4)"""
+    """Return `cov` (p, p) with the errors of `other` (p, p) where these are larger. It does so for the k shared
+    entries, which come first, if the blocks (`by_piece`: the pieces) disagree.  (4)"""
     if other is None or not k:
         return cov
     shared_cov, blocks = cov[:k, :k], other[:k, :k]
@@ -153,7 +154,7 @@ def no_smaller(
 
 
 def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
-    """The information whose errors of the entries `kept` are those of `cov` (k, k), or its own where larger.  (3)"""
+    """Return `info` with the errors of `cov` (k, k) for the `identifiable` entries, its own where larger.  (3)"""
     at = np.ix_(identifiable, identifiable)
     A, meat = info.bread[at], info.meat.copy()
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))

@@ -104,8 +104,8 @@ def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
 def covariance_by_zeros(
     problem: Residuals, theta: np.ndarray, identifiable: np.ndarray, bread: np.ndarray, file: "VehicleFile"
 ) -> np.ndarray:
-    """Return the covariance (p, p) that fixed zeros of gyros give to the entries `kept` (p,) of θ; `bread` (p, p) is
-    the information; of a zero that is in θ itself none.  (3), (4)"""
+    """Return the covariance (p, p) that fixed zeros of gyros give to the `identifiable` (p,) entries of θ. A zero
+    that is in θ itself gives none. `bread` (p, p) is the information.  (3), (4)"""
     cov, at, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
     free = {*problem.shape.shared, *problem.shape.own}
     gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]

@@ -68,8 +68,8 @@ def check_residuals(
     identifiable: np.ndarray,
     sd: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), of which `kept` (p,) were identified with errors `sd` (p,). Return also by how much
-    each parameter, by path, may be off; the problem is weighed with the noise that was found."""
+    """Return findings at θ (p,), whose `identifiable` (p,) entries have errors `sd` (p,). Return also by how much each
+    parameter, by path, may be off; the problem is weighed with the noise that was found."""
     index = np.flatnonzero(identifiable[: problem.layout.shared])
     if not len(index):
         return _of_residuals(problem, problem.residuals(theta)), {}

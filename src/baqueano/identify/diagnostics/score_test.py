@@ -127,7 +127,7 @@ def _own(
     identifiable: np.ndarray,
     rest_rows: range,
 ) -> list[NuisanceSlopes]:
-    """The told ones of `entries` of a run or piece, taken out of the `rest_rows` of `flat` (q, N m)."""
+    """The identifiable `entries` of a run or piece, taken out of the `rest_rows` of `flat` (q, N m)."""
     index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
     if not index:
         return []

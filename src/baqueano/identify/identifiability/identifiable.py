@@ -107,7 +107,7 @@ def _like(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
 
 
 def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | None:
-    """v (p,) with C v ≈ 0 among the entries `kept`, or None.  (1)"""
+    """v (p,) with C v ≈ 0 among the entries `identifiable`, or None.  (1)"""
     index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FEWEST = 200  # samples
 BLOCKS = 12  # means that the slope over temperature is read from
-WARMER = 0.5  # °C of change, below which no slope is told
+WARMER = 0.5  # °C of change, below which no slope is estimated
 BURST = 0.5  # of the median step: stamps whose steps scatter by more come in bursts
 TEMPERATURE = "temperature"
 

@@ -157,7 +157,9 @@ def leave_one_out(
     x: np.ndarray,
     free: np.ndarray,
 ) -> LeftOutBlocks | None:
-    """Return θ = `theta` (p,) with the entries `kept`, against `x` with the entries `free`; None of too few blocks."""
+    """Return θ = `theta` (p,) with its `identifiable` entries, against `x` with its `free` ones.
+
+    None of too few blocks."""
     simulation = list(_of_simulation(problem, theta))
     innovation = list(_of_innovations(problem, prediction, x))
     if len(simulation) < FEWEST:
@@ -214,7 +216,7 @@ def _without_start(slopes: Slopes, problem: Residuals) -> Slopes:
 
 
 def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.ndarray:
-    """(n, p) by which an answer moves without each block; only the entries `kept` do.  (1)"""
+    """(n, p) by which an answer moves without each block; only the entries `identifiable` do.  (1)"""
     place = np.full(1 + max(int(max(block.at.max(), block.of.max())) for block in blocks), -1)
     place[identifiable] = np.arange(len(identifiable))
     g, A = (

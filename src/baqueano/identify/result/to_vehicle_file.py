@@ -113,7 +113,7 @@ def _index(path: str) -> tuple[int, ...]:
 
 
 def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
-    """Path of a field → standard errors in its shape, NaN for entries that were not told, and for `prior_paths`."""
+    """Path of a field → standard errors in its shape, NaN for entries without an estimate and for `prior_paths`."""
     sd_of = dict(zip(fit.names, fit.sd, strict=True))
     fitted_names = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
     for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):

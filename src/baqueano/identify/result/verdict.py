@@ -208,7 +208,7 @@ def _labels(e: Evidence) -> list[str]:
 
 
 def short(name: str) -> str:
-    """A path as it is told to people."""
+    """The path of a parameter as people read it."""
     return name.removeprefix("model.")
 
 

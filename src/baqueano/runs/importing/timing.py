@@ -1,7 +1,7 @@
 """The clock of an imported file: its time column as integer nanoseconds, and its rows in order.
 
 A time that steps back, two rows of one time that differ, a median step that no robot has: each is refused
-with the line that decides it. Gaps, jumps and plain repeats are told.
+with the line that decides it. Gaps, jumps and plain repeats are reported.
 """
 
 import re
