@@ -52,6 +52,6 @@ def test_no_text_in_json_does(data):
 
 
 def test_the_lines_of_a_drive_by_hand_move_no_cursor():
-    rows = screen.lines(screen.Status("r\x1b[2J1", state="\x9bREADY", why="\nforged\x07"))
+    rows = screen.lines(screen.Status("r\x1b[2J1", state="\x9bREADY", reason="\nforged\x07"))
     assert all(one_line(row) == row for row in rows)
     assert any("r\\x1b[2J1" in row for row in rows)

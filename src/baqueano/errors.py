@@ -125,8 +125,8 @@ def in_users_file(error: BaseException) -> str:
 
 
 def of_code(
-    code: int, why: Diagnostic | str, otherwise: type[BaqueanoError] = BaqueanoError
+    code: int, reason: Diagnostic | str, otherwise: type[BaqueanoError] = BaqueanoError
 ) -> BaqueanoError:
     """The error that ended with this exit code at the other end of a line; `otherwise` where none of ours does."""
     kinds = (AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop)
-    return {kind.exit_code: kind for kind in kinds}.get(code, otherwise)(why)
+    return {kind.exit_code: kind for kind in kinds}.get(code, otherwise)(reason)

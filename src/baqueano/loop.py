@@ -106,7 +106,7 @@ def run(
             if done or (end_reason is not None and seconds(t_ns, since_ns) >= AFTER_STOP_S):
                 break
     except BlockFault as fault:  # in init: nothing has moved yet
-        end_reason = fault.why
+        end_reason = fault.reason
         on_event(t_ns, end_reason)
     except KeyboardInterrupt:
         end_reason = stop(StopReason.INTERRUPTED)
@@ -143,5 +143,5 @@ def careful_step(
         rooms = {fault.room, "guide", "controller", "supervisor"}
         blocks = Blocks(*(Off(r, len(tick.u)) if r in rooms else b for r, b in blocks._asdict().items()))
         states = States(*(None if r in rooms else s for r, s in states._asdict().items()))
-        return *careful_step(blocks, states, tick)[:3], fault.why
+        return *careful_step(blocks, states, tick)[:3], fault.reason
     return blocks, states, record._replace(states=states), stop_reason(states.supervisor)

@@ -111,13 +111,14 @@ def position_std(cov: Value) -> Value:
 def stop_reason(state: Tree) -> Diagnostic | None:
     """Return why a supervisor stopped; None if it did not, or is somebody else's and does not say.
 
-    One that has reasons of its own holds them as `why`: a diagnostic, or its words.
+    Its `reason` is an index into REASONS; in a supervisor with reasons of its own, a diagnostic or a sentence.
     """
-    if reason := getattr(state, "why", None):
-        return reason if isinstance(reason, Diagnostic) else stop(StopReason.OWN_REASON, words=str(reason))
-    if getattr(state, "stopped", 0.0) > 0.0:
-        return numbered(int(getattr(state, "reason", 0.0)))
-    return None
+    reason = getattr(state, "reason", None) or 0.0
+    if isinstance(reason, Diagnostic):
+        return reason
+    if isinstance(reason, str):
+        return stop(StopReason.OWN_REASON, words=reason)
+    return numbered(int(reason)) if getattr(state, "stopped", 0.0) > 0.0 else None
 
 
 def numbered(reason: int) -> Diagnostic:
@@ -132,11 +133,11 @@ def numbered(reason: int) -> Diagnostic:
 
 
 class BlockFault(Exception):
-    """A block did not keep its promise. `why` names the block, the file and the line."""
+    """A block did not keep its promise. `reason` names the block, the file and the line."""
 
-    def __init__(self, room: str, why: Diagnostic) -> None:
-        super().__init__(why.code)
-        self.room, self.why = room, why
+    def __init__(self, room: str, reason: Diagnostic) -> None:
+        super().__init__(reason.code)
+        self.room, self.reason = room, reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)

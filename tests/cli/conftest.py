@@ -20,16 +20,16 @@ class DriveEnded(NamedTuple):
     ending: errors.CommandError | None = None
 
     @property
-    def why(self) -> Diagnostic:
+    def reason(self) -> Diagnostic:
         """The diagnostic of the error."""
         assert self.paragraph
         assert self.ending is not None
-        return self.ending.why
+        return self.ending.reason
 
     @property
     def cause(self) -> Diagnostic:
         """What lies behind the error."""
-        cause = self.why.figures["cause"]
+        cause = self.reason.figures["cause"]
         assert isinstance(cause, Diagnostic)
         return cause
 
@@ -37,7 +37,7 @@ class DriveEnded(NamedTuple):
     def fix(self) -> str:
         """What to type next."""
         assert self.ending is not None
-        reason = self.ending.next or self.why
+        reason = self.ending.next or self.reason
         assert reason.fix in self.paragraph
         return reason.fix
 

@@ -126,15 +126,15 @@ def test_a_run_that_holds_its_vehicle_is_replayed_by_the_line_that_compare_print
 
 def test_a_key_of_another_quantity_is_not_offered(baqueano):
     end = baqueano("simulate", "--vehicle", "car", "--set", "model.mass_kg=-3")
-    assert (end.code, end.why.code) == (2, "vehicle.unknown-key")
-    assert end.why.figures["near"].code == "name.unknown"
+    assert (end.code, end.reason.code) == (2, "vehicle.unknown-key")
+    assert end.reason.figures["near"].code == "name.unknown"
     assert "model.throttle_gain" in end.paragraph
     assert end.fix == "baqueano simulate --help"
 
 
 def test_a_block_of_the_command_line_is_not_blamed_on_the_file(baqueano):
     end = baqueano("sweep", "--vehicle", "small", "--controller", "lqrr")
-    assert (end.code, end.why.code) == (3, "cli.own-block")
+    assert (end.code, end.reason.code) == (3, "cli.own-block")
     assert end.fix == "baqueano sweep --vehicle small --controller lqr"
     assert "line" not in end.paragraph
 
@@ -142,7 +142,7 @@ def test_a_block_of_the_command_line_is_not_blamed_on_the_file(baqueano):
 def test_a_block_that_does_not_exist_leads_to_the_list_of_all(baqueano, lab):
     run = next((lab / "runs").glob("0001*"))
     end = baqueano("replay", str(run), "--vehicle", "small", "--estimator", "kalmann")
-    assert end.why.code == "cli.own-block"
+    assert end.reason.code == "cli.own-block"
     assert end.fix == "baqueano blocks ls"
     assert baqueano(*shlex.split(end.fix)[1:]).code == 0
 
@@ -155,9 +155,9 @@ def test_an_empty_list_of_names_says_so():
 
 def test_a_width_without_figures_is_refused(baqueano, lab):
     run = str(next((lab / "runs").glob("0001*")))
-    assert baqueano("report", run, "--width", "nine").why.code == "front.width-unknown"
+    assert baqueano("report", run, "--width", "nine").reason.code == "front.width-unknown"
     end = baqueano("report", run, "--width", "column")
-    assert (end.code, end.why.code) == (2, "cli.width-unused")
+    assert (end.code, end.reason.code) == (2, "cli.width-unused")
     assert parse_line(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
 
 

@@ -31,7 +31,7 @@ def test_a_wrong_vehicle_file_is_reported_by_file_line_and_key(
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     end = baqueano("experiment", "--vehicle", "mine.toml", "--seconds", "1")
     assert (end.code, end.out) == (3, "")
-    assert f'"code": "{code}"' in json.dumps(end.why.to_json())
+    assert f'"code": "{code}"' in json.dumps(end.reason.to_json())
     assert "mine.toml" in end.paragraph
     assert place in end.paragraph
     assert "baqueano experiment" not in end.fix, "the line that failed goes no further"
@@ -46,7 +46,7 @@ def test_a_vehicle_file_that_is_not_there_is_reported(baqueano, tmp_path, name, 
     (tmp_path / "e.toml").touch()
     end = baqueano("simulate", "--vehicle", name, "--seconds", "1")
     assert end.code == 3
-    assert end.why.code == code
+    assert end.reason.code == code
 
 
 FOREIGN = {
@@ -64,7 +64,7 @@ def test_a_foreign_file_is_not_a_run_for_any_verb(baqueano, tmp_path, name, verb
     (tmp_path / name).write_bytes(content)
     end = baqueano(*verb.split(), name)
     assert end.code == 3
-    assert (end.why.code, end.why.figures["path"]) == (code, name)
+    assert (end.reason.code, end.reason.figures["path"]) == (code, name)
     assert end.fix
     assert end.out == ""
 
@@ -73,8 +73,8 @@ def test_a_foreign_file_is_not_a_run_for_any_verb(baqueano, tmp_path, name, verb
 def test_a_missing_run_is_reported_with_what_there_is(baqueano, verb):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
-    assert (end.why.code, end.why.figures["found"]) == ("runs.unknown", "last")
-    assert baqueano(*verb.split(), "no.mcap").why.code == "runs.absent"
+    assert (end.reason.code, end.reason.figures["found"]) == ("runs.unknown", "last")
+    assert baqueano(*verb.split(), "no.mcap").reason.code == "runs.absent"
 
 
 def test_a_cut_run_is_read_as_far_as_it_goes_and_says_so(baqueano, lab, tmp_path):
@@ -95,14 +95,17 @@ def test_a_run_of_which_nothing_is_left_is_reported(baqueano, lab, tmp_path):
     (tmp_path / "cut.mcap").write_bytes((lab / "runs" / "0001-experiment.mcap").read_bytes()[:300])
     end = baqueano("report", "cut.mcap")
     assert end.code == 3
-    assert end.why.code == "runs.nothing-saved"
+    assert end.reason.code == "runs.nothing-saved"
 
 
 def test_an_empty_cut_is_refused_with_the_length_of_the_run(baqueano, lab):
     end = baqueano("runs", "cut", str(lab / "runs" / "0001-experiment.mcap"), "--from", "50")
     assert end.code == 2
-    assert end.why.code == "cli.cut-after-end"
-    assert (end.why.figures["from_s"], end.why.figures["duration_s"]) == (50.0, pytest.approx(3.0, abs=0.01))
+    assert end.reason.code == "cli.cut-after-end"
+    assert (end.reason.figures["from_s"], end.reason.figures["duration_s"]) == (
+        50.0,
+        pytest.approx(3.0, abs=0.01),
+    )
 
 
 def test_a_run_is_never_written_over(baqueano, tmp_path):
@@ -110,7 +113,7 @@ def test_a_run_is_never_written_over(baqueano, tmp_path):
     for verb in ("experiment", "simulate"):
         end = baqueano(verb, "--vehicle", "small", "--seconds", "1", "-o", "mine.mcap")
         assert end.code == 3
-        assert end.why.code == "cli.file-exists"
+        assert end.reason.code == "cli.file-exists"
     assert (tmp_path / "mine.mcap").read_bytes() == b"precious"
 
 
@@ -136,7 +139,7 @@ def test_a_wrong_route_is_reported_before_anything_moves(baqueano, lab, tmp_path
         (tmp_path / "routes" / "mine.csv").write_bytes(content)
     end = baqueano("repeat", "mine", "--vehicle", "small")
     assert end.code == 3
-    assert end.why.code == code
+    assert end.reason.code == code
     assert "mine.csv" in end.paragraph
     assert "repeat" not in end.fix
     assert not list(tmp_path.rglob("*.mcap*"))
@@ -150,7 +153,7 @@ def test_a_wrong_map_is_reported(baqueano, tmp_path, map_text, code):
     if map_text is not None:
         (tmp_path / "map.toml").write_text(map_text, encoding="utf-8")
     end = baqueano("runs", "import", "map.toml")
-    assert (end.code, end.why.code) == (3, code)
+    assert (end.code, end.reason.code) == (3, code)
 
 
 def test_a_csv_with_ambiguous_commas_is_refused_and_no_run_appears(baqueano, tmp_path):
@@ -159,7 +162,7 @@ def test_a_csv_with_ambiguous_commas_is_refused_and_no_run_appears(baqueano, tmp
     (tmp_path / "board.csv").write_text("t,u,speed\n" + rows, encoding="utf-8")
     end = baqueano("runs", "import", "map.toml")
     assert end.code == 3
-    assert (end.why.code, end.why.figures["file"]) == ("table.commas-between-commas", "board.csv")
+    assert (end.reason.code, end.reason.figures["file"]) == ("table.commas-between-commas", "board.csv")
     assert not list(tmp_path.rglob("*.mcap*"))
 
 

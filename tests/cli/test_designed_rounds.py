@@ -49,5 +49,5 @@ def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick
 def test_a_room_is_read_before_anything_moves(baqueano, tmp_path, room, code, signal):
     load("small").save(tmp_path / "vehicle.toml")
     end = baqueano("experiment", "--signal", signal, "--room", room)
-    assert (end.code, end.why.code) == (2, code)
+    assert (end.code, end.reason.code) == (2, code)
     assert not list(tmp_path.glob("runs/*.mcap"))

@@ -227,7 +227,7 @@ def test_without_a_terminal_it_says_what_to_type(baqueano):
 def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
     end = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
     assert end.code == 2
-    assert end.why.code == "cli.emulated-by-hand"
+    assert end.reason.code == "cli.emulated-by-hand"
 
 
 def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
@@ -279,4 +279,4 @@ def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
 def test_who_does_not_drive_holds_nothing(baqueano):
     end = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
     assert end.code == 2
-    assert (end.why.code, end.why.figures["driver"]) == ("cli.hand-options", "circle")
+    assert (end.reason.code, end.reason.figures["driver"]) == ("cli.hand-options", "circle")

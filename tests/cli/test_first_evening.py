@@ -84,7 +84,7 @@ def test_a_truth_that_is_not_there_is_named(baqueano, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "mylab")
     text = Path("vehicle.toml").read_text(encoding="utf-8")
     Path("vehicle.toml").write_text(text.replace('truth = "small"', 'truth = "body.toml"'), encoding="utf-8")
-    assert baqueano("experiment", "--seconds", "1").why.code == "vehicle.absent"
+    assert baqueano("experiment", "--seconds", "1").reason.code == "vehicle.absent"
     load("small").save("body.toml")
     assert baqueano("experiment", "--seconds", "1").code == 0, "a file beside this one"
 
@@ -194,7 +194,7 @@ def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano
 def test_a_shape_that_is_too_fast_to_follow_is_reported_with_a_speed(baqueano, tmp_path):
     end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
     assert end.code == 1
-    assert (end.why.code, end.why.figures["speed_m_s"]) == ("cli.not-followed", 3.0)
+    assert (end.reason.code, end.reason.figures["speed_m_s"]) == ("cli.not-followed", 3.0)
     assert end.fix == "baqueano teach r --driver circle --speed 0.2"
     assert not (tmp_path / "routes").exists()
 

@@ -27,8 +27,8 @@ def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(identify_again
     before = (tmp_path / "my.toml").read_text()
     end = identify_against("turned.mcap")
     assert end.code == 1
-    assert end.why.code == "cli.fit-refused-held-out"
-    reason, _, _ = str(end.why.figures["reasons"]).partition("; ")
+    assert end.reason.code == "cli.fit-refused-held-out"
+    reason, _, _ = str(end.reason.figures["reasons"]).partition("; ")
     assert reason.startswith("in turned the model explains -")
     assert "% of imu[" in reason
     assert f"REFUSED: {reason}" in end.out

@@ -32,7 +32,7 @@ def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, fil
     (tmp_path / file_name).write_bytes(b"t;\xb0/s\n")
     end = baqueano("runs", "import", file_name)
     assert end.code == 3
-    assert end.why.code == "map.recording"
+    assert end.reason.code == "map.recording"
     assert end.fix == f"baqueano runs import {file_name} --draft {file_name.partition('.')[0]}.toml"
 
 
@@ -43,8 +43,8 @@ def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
     (tmp_path / "rover.map").write_text(text.replace("format = 1", "format = = 1"), encoding="utf-8")
     end = baqueano("runs", "import", "rover.map")
     assert end.code == 3
-    assert end.why.code == "map.recording-or-wrong"
-    assert dict(end.why.figures) == {"path": "rover.map", "line": 1, "column": 10}
+    assert end.reason.code == "map.recording-or-wrong"
+    assert dict(end.reason.figures) == {"path": "rover.map", "line": 1, "column": 10}
 
 
 @pytest.mark.parametrize("rows", [b"t,ax\n0.0,0.1\n", b"t;\xb0/s\n"])
@@ -94,7 +94,7 @@ def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, t
 def test_a_cut_of_nothing_is_refused(baqueano, tmp_path):
     end = baqueano("runs", "cut", "1")
     assert (end.code, end.out) == (2, "")
-    assert (end.why.code, end.fix) == ("cli.cut-nothing", "baqueano runs cut 1 --from 2 --to 30")
+    assert (end.reason.code, end.fix) == ("cli.cut-nothing", "baqueano runs cut 1 --from 2 --to 30")
 
 
 def test_the_list_that_is_named_for_a_missing_run_can_be_typed(baqueano, tmp_path):
@@ -121,7 +121,7 @@ def test_a_draft_of_a_map_is_a_map(baqueano, tmp_path):
     )
     assert [entry.unit for entry in signal_map.sensors["imu"].entries] == ["g", "g", "deg/s"]
     assert "columns without a place: note" in (tmp_path / "log.toml").read_text(encoding="utf-8")
-    assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").why.code == "cli.file-exists"
+    assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").reason.code == "cli.file-exists"
 
 
 def test_a_unit_that_no_name_says_is_asked_for(baqueano, tmp_path):
@@ -130,7 +130,7 @@ def test_a_unit_that_no_name_says_is_asked_for(baqueano, tmp_path):
     )
     baqueano("runs", "import", "log.csv", "--draft", "log.toml")
     end = baqueano("runs", "import", "log.toml", "log.csv")
-    assert (end.why.code, end.why.figures["found"]) == ("map.wrong", "'?'")
+    assert (end.reason.code, end.reason.figures["found"]) == ("map.wrong", "'?'")
 
 
 def test_a_sensor_at_rest_needs_no_command(baqueano, tmp_path):

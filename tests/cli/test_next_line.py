@@ -49,7 +49,7 @@ def test_a_name_that_was_mistyped_is_put_right_in_the_command(baqueano, lab, tmp
 
 def test_the_options_of_a_verb_of_a_group_are_those_of_the_verb(baqueano):
     end = baqueano("robot", "card", "bootfs", "--name", "rover", "--wifi", "net", "--own-network")
-    assert (end.code, end.why.code, end.fix) == (2, "cli.one-radio", "baqueano robot card --help")
+    assert (end.code, end.reason.code, end.fix) == (2, "cli.one-radio", "baqueano robot card --help")
 
 
 def test_a_run_that_is_not_there_is_looked_for_in_the_list(baqueano):

@@ -140,7 +140,7 @@ def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tm
     for line in ("blocks check mine.py", "repeat lab --vehicle small --controller mine.py"):
         end = project(*line.split())
         assert end.code in (2, 3)
-        assert '"classes": "mine.py:Mine"' in json.dumps(end.why.to_json())
+        assert '"classes": "mine.py:Mine"' in json.dumps(end.reason.to_json())
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_
     (tmp_path / "mine.py").write_text(ROOMS[room].format(line=line, u=u), encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--json")
     assert end.code == 5, end.err
-    assert (end.why.code, end.fix) == (
+    assert (end.reason.code, end.fix) == (
         "cli.stopped",
         f"baqueano runs show {Path('runs', '0001-repeat.mcap')}",
     )
@@ -223,8 +223,8 @@ def test_a_block_that_cannot_be_loaded_is_reported_before_anything_moves(
     assert end.code == 3
     code, figure, value = message
     assert (end.cause.code, end.cause.figures[figure]) == (code, value)
-    assert (end.why.figures["room"], end.why.figures["kind"]) == (room, f"mine.py:{name}")
-    assert end.why.fix == f"baqueano blocks check mine.py:{name}"
+    assert (end.reason.figures["room"], end.reason.figures["kind"]) == (room, f"mine.py:{name}")
+    assert end.reason.fix == f"baqueano blocks check mine.py:{name}"
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
@@ -244,7 +244,7 @@ def test_the_check_says_in_words_what_is_wrong_with_a_block(project, tmp_path):
     assert end.code == 1
     assert end.reply["verdict"] == "REFUSED"
     assert [row["code"] for row in end.reply["rows"]] == ["check.not-frozen", "check.shape"]
-    assert end.why.code == "cli.block-breaks"
+    assert end.reason.code == "cli.block-breaks"
 
 
 @pytest.mark.parametrize("line", ["sys.exit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])
@@ -258,7 +258,7 @@ def test_a_file_that_ends_the_program_while_it_is_read_is_named_with_its_line(
     (tmp_path / "mine.py").write_text(f"import sys\n{line}\n{text}", encoding="utf-8")
     end = project(*command.split())
     assert end.code == 3
-    assert '"code": "block.raised-while-read-and-ends"' in (reason := json.dumps(end.why.to_json()))
+    assert '"code": "block.raised-while-read-and-ends"' in (reason := json.dumps(end.reason.to_json()))
     assert '"place": "mine.py line 2"' in reason
 
 
@@ -281,4 +281,4 @@ def test_a_block_that_fails_where_nobody_guards_it_is_a_fault_of_its_file(projec
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     end = project("repeat", "lab", "--guide", "mine.py:Mine", *SMALL)
     assert end.code == 3
-    assert (end.why.figures["place"], end.fix) == ("mine.py line 5", "")
+    assert (end.reason.figures["place"], end.fix) == ("mine.py line 5", "")

@@ -48,7 +48,7 @@ def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_st
     monkeypatch.setattr(remote, "STOP_S", 0.0)
     door.tell(last)
     end = baqueano("robot", "stop", str(door.path))
-    assert door.operator.why(attended=False).code == StopReason.STOPPED_BY_COMMAND
+    assert door.operator.stop_reason(attended=False).code == StopReason.STOPPED_BY_COMMAND
     assert end.code == 1
     assert "confirmed the stop, but did not reach the state STOPPED" in end.paragraph
     assert f"baqueano robot status {door.path}" in end.paragraph

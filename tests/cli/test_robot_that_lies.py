@@ -70,7 +70,7 @@ def test_ne6_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, 
     before = files(tmp_path)
     end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "a" / "b" / "runs"))
     assert end.code == 3
-    assert (end.why.code, end.why.figures["count"]) == ("cli.runs-named-oddly", len(NAMES))
+    assert (end.reason.code, end.reason.figures["count"]) == ("cli.runs-named-oddly", len(NAMES))
     assert "\x1b" not in end.err + end.out
     assert files(tmp_path) - before == {"a/b/runs/1.mcap"}
     assert not os.path.exists("/tmp/baqueano-pwned")

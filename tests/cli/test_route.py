@@ -53,11 +53,11 @@ def test_a_wall_and_a_speed_are_refused_with_what_to_type(lab, verb):
         "repeat", "lab-speed", "--vehicle", "small"
     )  # fmt: skip
     assert end.code == AnswerNo.exit_code
-    assert end.why.code == "route.speed-too-high"
+    assert end.reason.code == "route.speed-too-high"
     assert end.fix == "baqueano route faster lab-speed"
     line = (verb,) if verb == "repeat" else ("route", "check")
     end = lab(*line, "lab", "--vehicle", "small", "--room", "1x1")
-    assert end.why.code == "route.through-wall"
+    assert end.reason.code == "route.through-wall"
     assert end.fix == "baqueano route scale lab 0.8"
 
 
@@ -89,4 +89,4 @@ def test_bad_input_is_one_paragraph(lab, tmp_path, code, line):
     (tmp_path / "routes" / "wrong.csv").write_text("a,b\n1,2\n", encoding="utf-8")
     end = lab("route", *line)
     assert end.code != 0
-    assert end.why.code == code
+    assert end.reason.code == code

@@ -42,7 +42,7 @@ def test_a_run_at_rest_tells_the_noise_and_changes_the_file(baqueano, folder, tm
 def test_a_run_that_never_rests_is_refused(baqueano, folder):
     end = baqueano("runs", "noise", str(folder / "drive0.mcap"))
     assert end.code == 2
-    assert (end.why.code, end.why.figures) == ("at-rest.driven", {"run": "drive0"})
+    assert (end.reason.code, end.reason.figures) == ("at-rest.driven", {"run": "drive0"})
 
 
 def test_wear_names_what_moved_or_that_nothing_did(baqueano, folder, tmp_path):

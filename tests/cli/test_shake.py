@@ -28,4 +28,4 @@ def test_a_fault_is_typed_with_a_verb_logged_and_judged(baqueano):
 def test_what_cannot_happen_is_refused_before_anything_moves(baqueano, more, code):
     done = baqueano("experiment", "--vehicle", "small", *more)
     assert done.code == 2
-    assert done.why.code == code
+    assert done.reason.code == code

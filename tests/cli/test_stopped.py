@@ -24,7 +24,7 @@ def test_id0_a_fit_that_is_stopped_is_reported_and_not_written(baqueano, lab, tm
     end = baqueano("identify", path, "--vehicle", "small", "--update")
     assert end.code == 130
     assert "actuator_matrix[0,0]" in end.out
-    assert end.why.code == "cli.fit-interrupted"
+    assert end.reason.code == "cli.fit-interrupted"
     assert not (tmp_path / "vehicle.toml").exists()
 
 
@@ -56,4 +56,4 @@ def test_recordings_that_were_judged_before_are_in_the_table(baqueano, monkeypat
     assert end.code == 130
     assert "1 of 1 bars are met" in end.out
     assert "stopped from the keyboard: dart and what follows are left out" in end.out
-    assert end.why.code == "cli.recordings-interrupted"
+    assert end.reason.code == "cli.recordings-interrupted"

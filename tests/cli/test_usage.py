@@ -61,8 +61,8 @@ from baqueano.diagnostics import fault
 )
 def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path, line, code, message):
     end = baqueano(*line.split())
-    assert (end.code, end.out, end.why.code) == (2, "", code)
-    assert message in f"{end.why.to_json()} {end.fix}"
+    assert (end.code, end.out, end.reason.code) == (2, "", code)
+    assert message in f"{end.reason.to_json()} {end.fix}"
     assert end.fix
     assert not list(tmp_path.rglob("*.mcap*")), "no number of a run was taken"
 
@@ -103,7 +103,7 @@ def test_debug_shows_the_traceback_and_keeps_the_exit_code(baqueano):
     end = baqueano("runs", "show", "no.mcap", "--debug")
     assert end.code == 3
     assert "Traceback" in end.err
-    assert (end.ending.why.code, end.ending.why.figures["missing"]) == ("runs.absent", "no.mcap")
+    assert (end.ending.reason.code, end.ending.reason.figures["missing"]) == ("runs.absent", "no.mcap")
 
 
 def test_help_loads_no_verb_and_no_numpy():
@@ -125,7 +125,7 @@ def test_an_error_that_nobody_foresaw_names_its_place(baqueano, monkeypatch):
     monkeypatch.setattr("baqueano.runs.folder.listing", break_listing)
     end = baqueano("runs", "ls")
     assert end.code == 1
-    assert (end.why.code, end.why.figures["error"]) == ("cli.unforeseen", "RuntimeError: the moon")
+    assert (end.reason.code, end.reason.figures["error"]) == ("cli.unforeseen", "RuntimeError: the moon")
     assert "--debug" in end.paragraph
 
 
@@ -136,8 +136,8 @@ def test_a_full_disk_is_reported_with_the_command_to_repeat(baqueano, monkeypatc
     monkeypatch.setattr("baqueano.runs.folder.listing", full)
     end = baqueano("runs", "ls")
     assert end.code == 3
-    assert (end.why.code, end.fix) == ("cli.system", "baqueano runs ls")
-    assert dict(end.why.figures) == {"place": "runs", "error": "No space left on device"}
+    assert (end.reason.code, end.fix) == ("cli.system", "baqueano runs ls")
+    assert dict(end.reason.figures) == {"place": "runs", "error": "No space left on device"}
 
 
 def test_too_little_memory_is_reported(baqueano, monkeypatch):
@@ -145,7 +145,7 @@ def test_too_little_memory_is_reported(baqueano, monkeypatch):
         raise MemoryError("22 TiB")
 
     monkeypatch.setattr("baqueano.runs.folder.listing", big)
-    reason = baqueano("runs", "ls").why
+    reason = baqueano("runs", "ls").reason
     assert (reason.code, reason.figures["error"]) == ("cli.memory", "22 TiB")
 
 
@@ -156,14 +156,14 @@ def test_ctrl_c_ends_with_130(baqueano, monkeypatch):
     monkeypatch.setattr("baqueano.runs.folder.listing", interrupted)
     end = baqueano("runs", "ls")
     assert end.code == 130
-    assert end.why.code == "cli.interrupted"
+    assert end.reason.code == "cli.interrupted"
 
 
 def test_an_unknown_back_end_in_the_environment_is_reported(baqueano, monkeypatch):
     monkeypatch.setenv("BAQUEANO_BACKEND", "rust")
     end = baqueano("runs", "ls")
     assert end.code == 2
-    assert dict(end.why.figures) == {
+    assert dict(end.reason.figures) == {
         "variable": "BAQUEANO_BACKEND", "found": "rust", "known": "auto, c, python, numpy",
     }  # fmt: skip
 
@@ -177,8 +177,8 @@ def test_a_c_back_end_without_a_compiler_is_reported_with_the_other_one(baqueano
     monkeypatch.setattr(import_module("baqueano.simulate"), "simulate", refuse)
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
     assert end.code == 2
-    assert (end.why.code, end.fix) == ("cli.not-compiled", "--backend python")
-    assert end.why.figures["error"].code == "compiler.absent"
+    assert (end.reason.code, end.fix) == ("cli.not-compiled", "--backend python")
+    assert end.reason.figures["error"].code == "compiler.absent"
 
 
 def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano):
@@ -211,7 +211,7 @@ def test_an_error_of_a_verb_with_json_is_one_object_with_code_and_figures(baquea
     end = baqueano(*line.split())
     printed = json.loads(end.out)
     assert (end.code, printed["exit_code"], printed["code"]) == (ends, ends, code)
-    assert printed["figures"] == end.why.to_json()["figures"]
+    assert printed["figures"] == end.reason.to_json()["figures"]
     assert printed["text"] in end.paragraph
 
 

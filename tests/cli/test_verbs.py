@@ -28,7 +28,7 @@ def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, 
     )
     second = baqueano("new", "mi lab")
     assert second.code == 2
-    assert second.why.code == "cli.folder-not-empty"
+    assert second.reason.code == "cli.folder-not-empty"
     monkeypatch.chdir(tmp_path / "mi lab")
     for block in ("my_estimator.py:MyEstimator", "my_guide.py:MyGuide", "my_controller.py:MyController"):
         check = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
@@ -74,7 +74,7 @@ def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_pat
     assert "[provenance" in (tmp_path / "vehicle.toml").read_text(encoding="utf-8")
     wrong = project("identify", "long.mcap", "--bound", "model.mass_kg")
     assert wrong.code == 2
-    assert (wrong.why.code, wrong.fix) == ("cli.bound", "--bound model.mass_kg=0,10")
+    assert (wrong.reason.code, wrong.fix) == ("cli.bound", "--bound model.mass_kg=0,10")
 
 
 def test_a_taught_route_is_repeated_and_judged(project, tmp_path):
@@ -110,7 +110,7 @@ def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
     project("repeat", "lab", "--vehicle", "small", "--json")
     own = ("replay", "last", "--vehicle", "bare.toml", "--estimator", "mine.py:MyEstimator", "--json")
     assert project(*own).code == 0
-    assert project(*own[:-3], "--json").why.figures["room"] == "estimator"
+    assert project(*own[:-3], "--json").reason.figures["room"] == "estimator"
 
 
 def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
@@ -157,8 +157,12 @@ def test_blocks_are_listed_by_room(baqueano):
 def test_an_unknown_run_is_reported_with_the_newest(project):
     end = project("compare", "77")
     assert end.code == 3
-    assert end.why.code == "runs.unknown"
-    assert dict(end.why.figures) == {"found": "77", "folder": "runs", "known": "0001-experiment, 0002-teach"}
+    assert end.reason.code == "runs.unknown"
+    assert dict(end.reason.figures) == {
+        "found": "77",
+        "folder": "runs",
+        "known": "0001-experiment, 0002-teach",
+    }
 
 
 @pytest.mark.parametrize(
@@ -182,10 +186,10 @@ def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path
     without, with_report = baqueano(*fit), baqueano(*fit, "--report", "page.html")
     assert without.code == with_report.code == 1
     assert without.out.endswith(" more: --report fit.html shows all, with figures\n")
-    assert without.why.code == "cli.fit-refused"
-    assert without.why.figures["data"].fix == "--report fit.html"
+    assert without.reason.code == "cli.fit-refused"
+    assert without.reason.figures["data"].fix == "--report fit.html"
     assert with_report.out.endswith(" more: the report shows all, with figures\n")
-    assert with_report.why.figures["data"].code == "cli.data-in-report"
+    assert with_report.reason.figures["data"].code == "cli.data-in-report"
     assert "report: page.html" in with_report.err
     assert "--report" not in with_report.out + with_report.err
     assert (tmp_path / "page.html").exists()
@@ -222,7 +226,7 @@ def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
     baqueano("experiment", "--vehicle", "car", "--seconds", "4", "--seed", "1", "-o", "car.mcap")
     end = baqueano("identify", "car.mcap", "--vehicle", "car", "--use", "imu", "--choose")
     assert end.code == 2
-    assert (end.why.code, end.fix) == ("cli.choose-without-encoders", "--free +KEY")
+    assert (end.reason.code, end.fix) == ("cli.choose-without-encoders", "--free +KEY")
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
         assert message == {"is": "heard", "do": "stop"}
         at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
         assert at - before <= 8 * SHARE  # of millions that are said meanwhile
-        door.operator.forget(door.operator.why(False))
+        door.operator.forget(door.operator.stop_reason(False))
     for flood in floods:
         flood.end()
 
@@ -94,17 +94,17 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
 def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, connect, turns):
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
-    until(lambda: door.operator.why(False) is not None)
+    until(lambda: door.operator.stop_reason(False) is not None)
     at = next(k for k, line in enumerate(turns) if line.startswith(b'{"do": "stop"'))
     assert at <= SHARE
-    assert door.operator.why(False).code == StopReason.STOPPED_BY
+    assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
 def test_what_only_looks_like_a_stop_waits_for_its_turn(door, connect):
     person = connect()
     person.say(do="ping", token={"do": "stop"})
     assert person.hear()["token"] == {"do": "stop"}
-    assert door.operator.why(False) is None
+    assert door.operator.stop_reason(False) is None
 
 
 def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, connect):

@@ -18,9 +18,9 @@ def test_a_stop_that_comes_while_another_reason_is_dealt_with_stays():
     operator = Operator()
     operator.stop(TEACHER)
     operator.forget(SILENT)
-    assert operator.why(attended=False) == TEACHER
+    assert operator.stop_reason(attended=False) == TEACHER
     operator.forget(TEACHER)
-    assert operator.why(attended=False) is None
+    assert operator.stop_reason(attended=False) is None
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no alarm")
@@ -53,7 +53,7 @@ def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
         signal.signal(signal.SIGTERM, before[0])
         signal.signal(signal.SIGALRM, before[1])
     assert len(rung) > 1
-    assert operator.why(attended=False).code == StopReason.SERVICE_ENDED
+    assert operator.stop_reason(attended=False).code == StopReason.SERVICE_ENDED
 
 
 def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_reported_to_drive():

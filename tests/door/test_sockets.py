@@ -108,8 +108,8 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, peo
     assert second.hear()["about"]["code"] == "door.somebody"
     second.say(do="hand", u=[1.0, 0.0, 0.0])
     second.say(do="stop", why="it nears the stairs")
-    until(lambda: door.operator.why(False) is not None)
-    assert door.operator.why(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    until(lambda: door.operator.stop_reason(False) is not None)
+    assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert not door.operator.command(3).any()
 
 
@@ -144,14 +144,14 @@ def test_rt14_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door
     assert person.hear()["about"]["code"] == "door.own-mission"
     person.close()
     second = people()
-    until(lambda: door.operator.why() is not None)  # nobody is heard any more
+    until(lambda: door.operator.stop_reason() is not None)  # nobody is heard any more
     second.say(do="mission", door=VERSION, mission=mission)
     assert second.hear()["about"]["code"] == "door.mission"
     second.say(do="beat")
     second.say(do="hand", u=[1.0, 0.0, 0.0])
     second.say(do="ping")
     second.hear()
-    assert door.operator.why().code == StopReason.HOLDER_SILENT
+    assert door.operator.stop_reason().code == StopReason.HOLDER_SILENT
     assert not door.operator.command(3).any()
     door.operator.free()
     second.say(do="mission", door=VERSION, mission=mission)
@@ -191,7 +191,7 @@ def test_a_new_guest_receives_the_last_state_at_once(door, people):
 def test_a_stop_is_acknowledged_once_the_operator_has_it(door, person):
     person.say(do="stop", why="it nears the stairs")
     assert person.hear() == {"is": "heard", "do": "stop"}
-    assert door.operator.why(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
+    assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
 
 
 def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_too(door, person):
@@ -208,13 +208,13 @@ def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_to
 def test_a_stop_stops_for_any_reason(door, person, reason):
     person.say(do="stop", why=reason)
     assert person.hear() == {"is": "heard", "do": "stop"}
-    assert door.operator.why(False).code == StopReason.STOPPED_BY
+    assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
 def test_the_reason_of_a_stop_arrives_as_data(door, person):
     person.say(do="stop", why=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
     person.hear()
-    assert door.operator.why(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
+    assert door.operator.stop_reason(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
 
 
 def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):

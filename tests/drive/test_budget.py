@@ -69,7 +69,7 @@ def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
     class LiftWatch(Observer):
         answers = iter([None] * 20 + [lifted] + [None] * 1000)
 
-        def why(self, t_ns):
+        def stop_reason(self, t_ns):
             return next(self.answers)
 
     run = drive(

@@ -92,7 +92,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
         while hand()[0] > 0.0:
             terminal.t_s += 0.01
         assert GONE_S - 0.1 < terminal.t_s - gone_s < GONE_S + terminal.trip_s + 0.02
-        assert hand.why(0).code == StopReason.TERMINAL_SILENT
+        assert hand.stop_reason(0).code == StopReason.TERMINAL_SILENT
         assert [word["do"] for word in hand.words()] == ["stop"]
         assert hand.words() == []
         terminal.there = True
@@ -106,7 +106,7 @@ def test_a_program_that_was_held_up_does_not_take_its_own_pause_for_a_dead_termi
         wait(hand, terminal, 1.0)
         terminal.t_s += 5.0
         wait(hand, terminal, 1.0)
-        assert hand.why(0) is None
+        assert hand.stop_reason(0) is None
         assert hand.status.terminal_ms < 40.0
 
 
@@ -130,7 +130,7 @@ def test_a_terminal_that_never_answers_is_reported_and_drives_for_the_time_of_a_
         assert np.array_equal(wait(hand, terminal, 0.6), np.zeros(3))
         terminal.type("l", "w")
         assert np.array_equal(wait(hand, terminal, 2.0), np.zeros(3))
-        assert hand.why(0) is None
+        assert hand.stop_reason(0) is None
 
 
 def test_one_that_is_answered_for_by_another_program_is_asked_nothing():
@@ -148,7 +148,7 @@ def test_the_end_of_the_terminal_stops_at_once():
         assert hand()[0] > 0.0
         terminal.ended = True
         assert np.array_equal(hand(), np.zeros(3))
-        assert hand.why(0).code == StopReason.TERMINAL_CLOSED
+        assert hand.stop_reason(0).code == StopReason.TERMINAL_CLOSED
 
 
 def test_space_stops_for_good_and_q_ends_the_drive():

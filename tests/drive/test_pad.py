@@ -227,7 +227,7 @@ def test_in_a_cockpit_the_pad_drives_and_its_plug_stops_the_vehicle(plug):
         assert hand.marked() == 1
         kernel.unplug()
         assert hand().tolist() == [0.0, 0.0, 0.0]
-        assert hand.why(0).code == StopReason.PAD_UNPLUGGED
+        assert hand.stop_reason(0).code == StopReason.PAD_UNPLUGGED
 
 
 def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plug):
@@ -235,4 +235,4 @@ def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plug):
     with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as hand:
         kernel.change((KEY, EAST, 1))
         hand()
-        assert hand.why(0).code == StopReason.DRIVER
+        assert hand.stop_reason(0).code == StopReason.DRIVER

@@ -101,7 +101,7 @@ def watch_rows(caution, rows):
     """Pace and stop after each (time, finding)."""
     out = []
     for t_s, degraded in rows:
-        reason = caution.why(round(1e9 * t_s))
+        reason = caution.stop_reason(round(1e9 * t_s))
         caution.look(record(t_s, degraded=degraded))
         out.append((caution._guide.pace, reason))
     return out
@@ -151,7 +151,7 @@ def test_an_uncertain_position_is_a_doubt():
     for t_s in (0.0, WAIT_S):
         caution.look(record(t_s, cov=cov))
     assert caution._guide.pace == 0.0
-    assert caution.why(round(1e9 * (WAIT_S + STAND_S))).figures["cause"].code == "caution.uncertain"
+    assert caution.stop_reason(round(1e9 * (WAIT_S + STAND_S))).figures["cause"].code == "caution.uncertain"
 
 
 def test_without_caution_nothing_is_doubtful():
@@ -172,10 +172,10 @@ def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
         at_wall.look(record(t_s, velocity=(0.2, 0.0, 0.0)))
         waits.look(record(t_s, velocity=(0.02, 0.0, 0.0)))
         goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), velocity=(9.0, 0.0, 0.0)))
-    assert at_wall.why(4_900_000_000) is None
-    assert at_wall.why(5_100_000_000).code == StopReason.STUCK
-    assert waits.why(7_950_000_000) is None
-    assert goes.why(7_950_000_000) is None
+    assert at_wall.stop_reason(4_900_000_000) is None
+    assert at_wall.stop_reason(5_100_000_000).code == StopReason.STUCK
+    assert waits.stop_reason(7_950_000_000) is None
+    assert goes.stop_reason(7_950_000_000) is None
 
 
 def test_the_region_of_the_place_stops_before_the_wall():
@@ -184,11 +184,11 @@ def test_the_region_of_the_place_stops_before_the_wall():
     for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
         watch = RoomWatch(room, origin)  # the map's y is the room's −x
         watch.look(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
-        assert (watch.why(0) is not None) == stops
-    assert watch.why(0).figures["axis"] == "x"
+        assert (watch.stop_reason(0) is not None) == stops
+    assert watch.stop_reason(0).figures["axis"] == "x"
     room_watch = RoomWatch(room, origin)
     room_watch.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
-    assert room_watch.why(0).figures["stop_m"] == pytest.approx(0.15)
+    assert room_watch.stop_reason(0).figures["stop_m"] == pytest.approx(0.15)
 
 
 def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():

@@ -24,7 +24,7 @@ def terminal_screen(frames, rows=24):
 
 @pytest.mark.parametrize("columns", [40, 80, 132])
 def test_no_line_wraps_and_the_block_fits_a_small_terminal(columns):
-    status = Status("pi@robot-of-a-long-name.local", why="the battery " * 20, line="x" * 300)
+    status = Status("pi@robot-of-a-long-name.local", reason="the battery " * 20, line="x" * 300)
     block = lines(status, columns)
     assert len(block) < 24
     assert max(map(len, block)) < columns

@@ -52,7 +52,7 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     assert (done["why"], troubles) == (None, [None])
     assert not [e.text for e in run.events if "received no command" in e.text]
     look_around(service, robot, 5)
-    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
+    assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
 def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service, robot, tmp_path):
@@ -85,7 +85,7 @@ def test_the_latch_of_the_uno_is_asked_away_until_telemetry_shows_that_it_is(ser
     robot.write = lambda data: None
     clear_after(service, robot, 2)
     del robot.write
-    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
     look_around(service, robot, 3)
     assert service.machine.state is DoorState.READY
     assert not latched(robot)
@@ -95,7 +95,7 @@ def test_a_latch_of_before_the_service_can_be_cleared_though_nothing_stopped_it(
     robot.uno.stop()
     look_around(service, robot, 2)
     assert service.machine.state is DoorState.DISARMED
-    assert service.machine.why == stop(StopReason.UNO_LATCHED, "baqueano robot clear")
+    assert service.machine.reason == stop(StopReason.UNO_LATCHED, "baqueano robot clear")
     look_around(service, robot, 5)
     assert latched(robot), "only a person takes it away"
     clear_after(service, robot, 3)
@@ -127,7 +127,7 @@ def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_a
     drive(service, spin(3.0))
     look_around(service, robot, 10)
     assert robot.uno.statistics.resets == 1
-    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
+    assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
 def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
@@ -135,7 +135,7 @@ def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
     done, run = drive(service, spin())
     assert (done["why"], done["code"]) == (None, 0), "the drive itself went well"
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
-    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
     look_around(service, robot, 3)
     assert service.machine.state is DoorState.STOPPED
     clear_after(service, robot, 3)
@@ -147,7 +147,7 @@ def test_a_stop_while_a_mission_is_prepared_is_latched_and_nothing_moves(service
     done, run = drive(service, spin())
     assert done["why"] == TEACHER
     assert not np.any(run.applied)
-    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 
 def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, preparing):
@@ -158,7 +158,7 @@ def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, 
     preparing(fails)
     done, _ = drive(service, spin())
     assert text(done["why"]) == "mine.py: broken"
-    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 
 def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason(service, robot, closing):
@@ -167,7 +167,7 @@ def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason
     done, _ = drive(service, spin(3.0))
     assert done["why"].code == StopReason.UNO_RESET
     look_around(service, robot, 3)
-    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, done["why"])
+    assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, done["why"])
 
 
 def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
@@ -217,7 +217,7 @@ def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot)
     assert [(config.least_battery_mv, config.dead_man_ms) for config in configs] == [(7900, 200)]
     look_around(service, robot, 60)
     assert robot.board.info().config == own
-    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
+    assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
 def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(service, robot):
@@ -229,7 +229,7 @@ def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(se
     assert robot.now_ns - end_ns == pytest.approx(0.15e9), "no look waits for an answer"
     line.gone = False
     clear_after(service, robot, 60)
-    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
+    assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
 def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_again(robot, tmp_path):

@@ -55,7 +55,7 @@ def look_until(service, well):
     """Looks as it does while idle, until `well()`."""
     end = time.monotonic() + PATIENCE_S
     while not well():
-        assert time.monotonic() < end, service.machine.why
+        assert time.monotonic() < end, service.machine.reason
         service.idle()
         time.sleep(0.05)
 

@@ -67,7 +67,7 @@ def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_movin
     assert not robot.board.moving
     look_around(service, robot, 2)
     assert service.machine.state is DoorState.STOPPED
-    assert service.machine.why == done["why"]
+    assert service.machine.reason == done["why"]
 
 
 @pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])

@@ -45,10 +45,10 @@ def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_n
     chip = robot.bus.devices.pop(0x68)
     look_around(service, robot, 300)
     assert service.machine.state is DoorState.DISARMED
-    assert service.machine.why.code == StopReason.IMU_ABSENT
-    assert text(service.machine.why).startswith("no IMU: No IMU answers at 0x68")
-    assert [m["why"] for m in service.messages if m["is"] == "state"][-1] == service.machine.why
-    assert service.texts == [text(service.machine.why)], "reported once, however often it was looked for"
+    assert service.machine.reason.code == StopReason.IMU_ABSENT
+    assert text(service.machine.reason).startswith("no IMU: No IMU answers at 0x68")
+    assert [m["why"] for m in service.messages if m["is"] == "state"][-1] == service.machine.reason
+    assert service.texts == [text(service.machine.reason)], "reported once, however often it was looked for"
     for mission in (spin(), packed(Mission("teach"), vehicle_file.load("small"))):
         done, run = drive(service, mission)
         assert "no IMU" in text(done["why"])
@@ -62,7 +62,7 @@ def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, 
     assert service.machine.state is DoorState.DISARMED
     robot.bus.devices[0x68] = chip
     look_around(service, robot, round((AGAIN_S + 1.0) * 20))
-    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
+    assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
     assert service.texts[1:] == ["the IMU answers now"]
     assert service.texts == [text(m["said"]) for m in service.messages if m["is"] == "event"]
     done, run = drive(service, spin())
@@ -77,7 +77,7 @@ def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service,
     service.idle()
     assert (robot.now_ns - before_ns) / 1e9 > HANGING_S
     assert waits == [FINDING_S, HANGING_S]
-    assert service.machine.why.code == StopReason.IMU_ABSENT
+    assert service.machine.reason.code == StopReason.IMU_ABSENT
 
 
 def test_a_vehicle_whose_file_has_no_imu_is_ready_without(service, robot):

@@ -141,7 +141,7 @@ def test_a_term_that_is_another_name_for_what_is_there_is_refused(dry, file):
     gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
     choice = choose(drive(dry, 0), file, [gain], use=USE)
     assert choice.taken == ()
-    assert choice.judged[0].why.code in ("term.same-as-others", "term.not-identifiable")
+    assert choice.judged[0].reason.code in ("term.same-as-others", "term.not-identifiable")
 
 
 def test_a_battery_that_hardly_moves_is_not_identifiable(dry, file):
@@ -272,7 +272,7 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, file, effect, f
     )
     assert judgement.verdict == verdict, judgement.message
     if verdict == "refused":
-        assert (judgement.message.code, judgement.why.code) == (
+        assert (judgement.message.code, judgement.reason.code) == (
             "choose.refused",
             "term.battery-not-separable",
         )

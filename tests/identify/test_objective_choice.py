@@ -31,14 +31,14 @@ def both(*shifts, more=-1.0, scatter=1.0, n=31):
 def test_over_a_still_floor_the_simulation_is_believed():
     choice = choose_objective(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
-    assert choice.why.code == "cost.floor-still"
-    assert (choice.why.figures["ratio"], choice.why.figures["chance"]) == (3.0, "0.22")
+    assert choice.reason.code == "cost.floor-still"
+    assert (choice.reason.figures["ratio"], choice.reason.figures["chance"]) == (3.0, "0.22")
 
 
 def test_one_answer_with_the_smaller_error_where_it_was_left_out_is_believed_and_the_floor_has_its_error():
     choice = choose_objective(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
-    figures = choice.why.figures
+    figures = choice.reason.figures
     assert (figures["floor"], figures["chance"], figures["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
     assert figures["open_loop"].code == "cost.smaller"
     assert figures["open_loop"].figures["percent"] == pytest.approx(3.1)
@@ -53,7 +53,7 @@ def test_an_error_that_is_larger_by_chance_gains_nothing_and_contradicts_nothing
 def test_a_larger_error_and_two_answers_are_what_the_model_lacks(floor):
     choice = choose_objective(likely(400.0), (0, 2), floor, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)
-    assert choice.why.code == "cost.neither"
+    assert choice.reason.code == "cost.neither"
 
 
 def test_no_floor_explains_innovations_that_are_coloured_or_a_sensor_far_above_its_noise():

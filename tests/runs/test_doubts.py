@@ -190,8 +190,8 @@ def test_held_samples_are_reported(lab):
     for name in ("ax", "ay", "wz"):
         lab.board[name] = np.repeat(lab.board[name][::5], 5)
     (doubt,) = (d for d in lab.run().doubts if d.code == "held samples")
-    figures = doubt.why.figures
-    assert (doubt.why.code, round(figures["share"], 2), round(figures["every"], 1)) == (
+    figures = doubt.reason.figures
+    assert (doubt.reason.code, round(figures["share"], 2), round(figures["every"], 1)) == (
         "recording.held",
         0.8,
         5.0,

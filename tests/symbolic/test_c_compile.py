@@ -99,7 +99,7 @@ def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
     compile._find.cache_clear()
     search = compile.find()
     assert search.compiler is None
-    assert search.why == fault("compiler.absent", "pip install ziglang")
+    assert search.reason == fault("compiler.absent", "pip install ziglang")
     with refused("compiler.absent", compile.CompileError):
         compile.load(answer(45))
     compile._find.cache_clear()
@@ -109,14 +109,17 @@ def test_a_compiler_that_is_named_but_missing_is_reported_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
     search = compile.find()
     assert search.compiler is None
-    assert search.why == fault("compiler.no-command", found="no-such-compiler --fast")
+    assert search.reason == fault("compiler.no-command", found="no-such-compiler --fast")
 
 
 def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
     monkeypatch.setenv("BAQUEANO_CC", f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'")
     search = compile.find()
     assert search.compiler is None
-    assert (search.why.code, search.why.figures["error"].strip()) == ("compiler.refuses", "out of order")
+    assert (search.reason.code, search.reason.figures["error"].strip()) == (
+        "compiler.refuses",
+        "out of order",
+    )
 
 
 def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):

@@ -212,9 +212,9 @@ def test_the_ledger_says_who_could_not_and_why():
     assert set(row.silent()) == {"monitor", "model", "supervisor", "gate", "nis"}
     reason = ledger.nobody(row)
     assert reason.code == "ledger.nobody-and-off"
-    assert reason.figures["why"].code == "ledger.why-drift"
+    assert reason.figures["why"].code == "ledger.reason-drift"
     assert reason.figures["off"].figures["off_cm"] > 5.0
     ledger, row = rows_of("4 s: sag 84 %")
-    assert ledger.why(row.fault).code == "ledger.why-sag"
+    assert ledger.reason_unnoticed(row.fault).code == "ledger.reason-sag"
     ledger, row = rows_of("7.5 s: sag 84 %")
     assert ledger.nobody(row) is None  # too early to tell

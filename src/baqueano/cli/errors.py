@@ -28,7 +28,7 @@ class Interruption(BaqueanoError):
 class CommandError(NamedTuple):
     """Why a command ended, what to type next, and the exit code."""
 
-    why: Diagnostic
+    reason: Diagnostic
     next: Diagnostic | None
     code: int
 
@@ -37,10 +37,10 @@ class CommandError(NamedTuple):
         """Return why it ended and what to type next, as it is typed."""
         parts = (
             text(diagnostic, argument=Option)
-            for diagnostic in (self.why, self.next)
+            for diagnostic in (self.reason, self.next)
             if diagnostic is not None
         )
-        return (". " if self.why.fix else " ").join(parts)
+        return (". " if self.reason.fix else " ").join(parts)
 
     @property
     def paragraph(self) -> str:
@@ -50,7 +50,7 @@ class CommandError(NamedTuple):
     def to_json(self) -> dict[str, object]:
         """Return it for --json: code, figures, the text, what to type next, and the exit code."""
         after = {} if self.next is None else {"next": self.next.to_json()}
-        return self.why.to_json() | {"text": self.sentence} | after | {"exit_code": self.code}
+        return self.reason.to_json() | {"text": self.sentence} | after | {"exit_code": self.code}
 
 
 def command_error(error: BaseException, args: list[str]) -> CommandError:

@@ -120,10 +120,10 @@ class Operator:
             raise SafetyStop(note("door.not-holder", Severity.ERROR))
         self._changes.append((path, value))
 
-    def stop(self, why: Diagnostic) -> None:
+    def stop(self, reason: Diagnostic) -> None:
         """Stop, by anyone, for this reason."""
         with self._lock:
-            self._stop = self._stop or why
+            self._stop = self._stop or reason
 
     def end(self, who: object) -> None:
         """The holder ends the drive, as one ends it who is done."""
@@ -147,7 +147,7 @@ class Operator:
         """The mission that waits, in JSON, whether it ends with the silence of its holder, and its name."""
         return self._missions.popleft() if self._missions else None
 
-    def why(self, attended: bool = True) -> Diagnostic | None:
+    def stop_reason(self, attended: bool = True) -> Diagnostic | None:
         """Return why the vehicle must stop; None if nobody says so.  (1)"""
         if self._stop is not None:
             return self._stop
@@ -165,10 +165,10 @@ class Operator:
         marks, self._marks = self._marks, 0
         return marks
 
-    def forget(self, why: Diagnostic | None) -> None:
-        """Clear the handled request and the stop for the reason `why`; a new one stays."""
+    def forget(self, reason: Diagnostic | None) -> None:
+        """Clear the handled request and the stop for `reason`; a new one stays."""
         with self._lock:
-            self._stop = None if self._stop == why else self._stop
+            self._stop = None if self._stop == reason else self._stop
             self.clear_requested, self._quit, self._u = False, False, None
 
     def free(self) -> None:

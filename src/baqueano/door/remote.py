@@ -318,10 +318,10 @@ def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
                 line.shutdown(socket.SHUT_RDWR)
 
 
-def stop(host: str, why: Diagnostic) -> "JsonObject":
+def stop(host: str, reason: Diagnostic) -> "JsonObject":
     """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
     within STOP_S: a drive that is being prepared ends before it moves, and only then."""
-    with reached(host, do="stop", why=why) as remote:
+    with reached(host, do="stop", why=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_S):
             raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
         if not remote.wait(lambda: _is_stopped(remote), STOP_S):

@@ -37,22 +37,22 @@ NEXT = {
 
 
 class Machine:
-    """The state, and why the vehicle does not drive; `why` is None where nothing is in the way."""
+    """The state, and why the vehicle does not drive; `reason` is None where nothing is in the way."""
 
     def __init__(self) -> None:
         self.state = DoorState.DISARMED
-        self.why: Diagnostic | None = stop(StopReason.NOT_CHECKED)
+        self.reason: Diagnostic | None = stop(StopReason.NOT_CHECKED)
 
-    def go(self, event: str, why: Diagnostic | None = None) -> None:
+    def go(self, event: str, reason: Diagnostic | None = None) -> None:
         """The next state. A stop keeps its first reason. SafetyStop where this state does not know the event."""
         target = NEXT.get((self.state, event))
         if target is None:
             figures = {"state": self.state, "advice": self.advice}
-            if self.why is None:
+            if self.reason is None:
                 raise SafetyStop(fault("door.state", **figures))
-            raise SafetyStop(fault("door.state-because", **figures, cause=self.why), self.why)
+            raise SafetyStop(fault("door.state-because", **figures, cause=self.reason), self.reason)
         if self.state is not DoorState.STOPPED or event != "stop":
-            self.why = why
+            self.reason = reason
         self.state = target
 
     @property

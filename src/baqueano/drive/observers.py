@@ -28,7 +28,7 @@ class Observer:
         """Return the blocks that are to drive, those given or others around them, before the first tick."""
         return blocks
 
-    def why(self, t_ns: int) -> Diagnostic | None:
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle must stop at `t_ns`; None if it may go on."""
         return None
 
@@ -52,8 +52,8 @@ class Observer:
     def unlogged(self, what: Diagnostic) -> None:
         """Hear that the disk takes no more of the run; a live drive goes on."""
 
-    def ended(self, why: Diagnostic | None) -> Iterable[LastLine]:
-        """Return the last events of the run; `why` it was stopped, None if nothing stopped it."""
+    def ended(self, reason: Diagnostic | None) -> Iterable[LastLine]:
+        """Return the last events of the run; `reason` is None if nothing stopped it."""
         return ()
 
 
@@ -72,7 +72,7 @@ class WatchdogState(NamedTuple):
     """State of the watchdog: the supervisor's, and the reason for stopped motors."""
 
     supervisor: Tree
-    why: Diagnostic | None  # None while it goes on
+    reason: Diagnostic | None  # None while it goes on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,11 +94,11 @@ class Watchdog:
         """The command (n,) that may reach the motors."""
         inner, safe_command = self.supervisor.step(state.supervisor, command, tick, estimate)
         # the cause before what follows from it
-        reason = state.why or self._reason(tick.t_ns) or stop_reason(inner)
+        reason = state.reason or self._reason(tick.t_ns) or stop_reason(inner)
         if reason is not None:
             safe_command = safe_command._replace(u=np.zeros(len(tick.u)))
         return WatchdogState(inner, reason), safe_command
 
     def _reason(self, t_ns: int) -> Diagnostic | None:
-        reasons = [observer.why(t_ns) for observer in self.observers]
+        reasons = [observer.stop_reason(t_ns) for observer in self.observers]
         return next((reason for reason in reasons if reason is not None), None)

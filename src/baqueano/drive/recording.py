@@ -65,13 +65,13 @@ class Recording:
         self._show(record)
         self.ticks, self.last_ns = self.ticks + 1, t_ns
 
-    def stopped(self, t_ns: int, why: Diagnostic) -> None:
+    def stopped(self, t_ns: int, reason: Diagnostic) -> None:
         """Why the motors are stopped from now on."""
-        self._event(t_ns, "error", STOP_SOURCE, why)
+        self._event(t_ns, "error", STOP_SOURCE, reason)
 
-    def end(self, why: Diagnostic | None) -> None:
-        """The last events; `why` the vehicle was stopped, None if nothing stopped it."""
-        lines = [line for observer in self.observers for line in observer.ended(why)]
+    def end(self, reason: Diagnostic | None) -> None:
+        """The last events; `reason` says why the vehicle was stopped, None if nothing stopped it."""
+        lines = [line for observer in self.observers for line in observer.ended(reason)]
         for source, level, message in (*self.health.last_lines(), *lines):
             self.sink.event(self.last_ns, level, source, message)
 

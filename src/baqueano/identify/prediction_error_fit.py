@@ -58,7 +58,7 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
     if not second.end.search.solution.converged:
         return fit_of(first, basis)
     fit = fit_of(first._replace(floor=second.choice.explains), basis)
-    reason = second.choice.why
+    reason = second.choice.reason
     if second.choice.cost == "innovations":
         reason = note("cost.try-innovations", fix="--cost innovations", cause=reason)
     return replace(fit, notes=(reason, *fit.notes))
@@ -85,7 +85,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
         weak=np.concatenate([fit.weak, np.zeros(len(paths), bool)]),
         cov=cov,
-        notes=(second.choice.why, _sensors(second), *fit.notes),
+        notes=(second.choice.reason, _sensors(second), *fit.notes),
     )
 
 
@@ -133,7 +133,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
     if choice.contradicted:
-        doubts = (*doubts, replace(choice.why, severity=Severity.WARNING))
+        doubts = (*doubts, replace(choice.reason, severity=Severity.WARNING))
     second = first._replace(
         blocks=blocks, search=search, info=info, floor=choice.explains, filtered=True, doubts=doubts
     )

@@ -38,7 +38,7 @@ class Runner:
         compiler = compile.find()
         self._kernel = c.make_kernel(program)
         if self._may_change and compiler.compiler is None:
-            self._give_up_c(compiler.why)
+            self._give_up_c(compiler.reason)
 
     @property
     def source(self) -> str:

@@ -116,10 +116,10 @@ def static(folder: Path) -> dict[str, Content]:
     return table
 
 
-async def refuse(writer: asyncio.StreamWriter, why: RefusedRequest) -> None:
+async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
     """Answer by a status."""
-    kind, text = TYPES[".txt"], f"{why.status.value} {why.status.phrase}\n".encode()
-    await _send(writer, _head(why.status, kind, len(text), PAGE_POLICY, why.headers) + text)
+    kind, text = TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
+    await _send(writer, _head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
 
 
 def takes_gzip(head: Head) -> bool:

@@ -112,11 +112,11 @@ class BrowserPage:
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # any word may come
             self.refuse(visitor, word, fault("web.not-understood", error=type(error).__name__))
 
-    def refuse(self, visitor: Visitor, word: "JsonObject", why: Diagnostic) -> None:
+    def refuse(self, visitor: Visitor, word: "JsonObject", reason: Diagnostic) -> None:
         """Answer a word by `no`; who is not let in goes."""
         with within(visitor.language):
             visitor.say(
-                {"is": "no", "why": text(why), "code": str(why.code), "to": word["is"][:LONGEST_NAME]}
+                {"is": "no", "why": text(reason), "code": str(reason.code), "to": word["is"][:LONGEST_NAME]}
             )
         if visitor.role is None:
             visitor.end(POLICY)

@@ -77,9 +77,9 @@ class DriveDoor:
         """Take the connection of the page."""
         self._door.welcome(line)
 
-    def close(self, why: Diagnostic) -> None:
+    def close(self, reason: Diagnostic) -> None:
         """Say that the drives are over, and let the page go."""
-        self._door.tell({"is": "over", "why": why})
+        self._door.tell({"is": "over", "why": reason})
         self._door.close()
 
     def wait_for_hand(self, there: Callable[[], bool]) -> None:
@@ -130,7 +130,7 @@ class DriveDoor:
             replies += [{"do": "mark"}] * self.operator.marked()
             if self.operator.done:
                 raise KeyboardInterrupt
-            stop_reason = self.operator.why(self.by_hand)
+            stop_reason = self.operator.stop_reason(self.by_hand)
             if stop_reason is not None and not stopped:
                 stopped = True
                 replies.append({"do": "stop", "why": stop_reason})
@@ -151,15 +151,15 @@ class DriveDoor:
             "battery_v": None, **pace_fields, **drive_words(self._mission, self._file.rate_hz, self._record),
         })  # fmt: skip
 
-    def drives(self, mission: "Mission | None", why: Diagnostic | None = None) -> None:
+    def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:
         """A drive begins, or has ended."""
-        self._mission, self._record, self._reason = mission, None, why
+        self._mission, self._record, self._reason = mission, None, reason
         manual_state = (
             DoorState.MANUAL
             if mission is not None and mission.kind in BY_HAND and mission.route is None
             else None
         )
-        at_rest = DoorState.READY if why is None else DoorState.STOPPED
+        at_rest = DoorState.READY if reason is None else DoorState.STOPPED
         self._state = at_rest if mission is None else manual_state or DoorState.MISSION
         self.publish(at_once=True)
 
@@ -173,7 +173,7 @@ class DriveDoor:
             self.publish()
             operator = self.operator
             return (
-                operator.done or operator.why(self.by_hand) is not None or ours()
+                operator.done or operator.stop_reason(self.by_hand) is not None or ours()
             )  # the last: Ctrl-C was pressed
 
         for t_ns in self.pace.ticks(rate_hz, interrupted):
@@ -240,8 +240,8 @@ class _PageObserver(Observer):
         door.drives(mission)
         return blocks
 
-    def why(self, t_ns: int) -> Diagnostic | None:
-        return self._door.operator.why(self._door.by_hand)
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
+        return self._door.operator.stop_reason(self._door.by_hand)
 
     def marked(self) -> int:
         return self._door.operator.marked()
@@ -249,6 +249,6 @@ class _PageObserver(Observer):
     def look(self, record: Record) -> None:
         self._door.look(record, self._world.truth)
 
-    def ended(self, why: Diagnostic | None) -> list[LastLine]:
-        self._door.drives(None, why)
+    def ended(self, reason: Diagnostic | None) -> list[LastLine]:
+        self._door.drives(None, reason)
         return []

@@ -98,7 +98,7 @@ class SimulatedService:
         """Look at stops and their end while nothing drives."""
         machine = self.machine
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
-        if (stop_reason := self.operator.why(attended=False)) is not None:
+        if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
             self.operator.forget(stop_reason)
             machine.go("stop", stop_reason)
         elif clear_requested and machine.state is DoorState.STOPPED:
@@ -130,7 +130,7 @@ class SimulatedService:
                 self.publish(at_once=True)
                 reason, code = outcome_of(lambda: self._drive(plan, mission_json, attended, path))
                 regular_end = reason is None or code or self.operator.done
-                late = self.operator.why(
+                late = self.operator.stop_reason(
                     attended=False
                 )  # said while the drive was prepared, or its run closed
                 stop_reason = late if regular_end else reason
@@ -171,7 +171,7 @@ class SimulatedService:
     def _ticks(self, plan: MissionPlan, attended: bool) -> Iterator[int]:
         def interrupted() -> bool:
             self.publish()
-            return self.operator.done or self.operator.why(attended) is not None
+            return self.operator.done or self.operator.stop_reason(attended) is not None
 
         for t_ns in self.pace.ticks(plan.file.rate_hz, interrupted, plan.hurry_s):
             if self.operator.done:
@@ -207,7 +207,7 @@ class SimulatedService:
         rate_hz = self.file.rate_hz if plan is None else plan.file.rate_hz
         self.tell(
             {
-                "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
+                "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
                 **drive_words(mission, rate_hz, record),
@@ -242,8 +242,8 @@ class _DriveObserver(Observer):
         frames.begin(plan.file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
         return blocks
 
-    def why(self, t_ns: int) -> Diagnostic | None:
-        return self._service.operator.why(self._attended)
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
+        return self._service.operator.stop_reason(self._attended)
 
     def marked(self) -> int:
         return self._service.operator.marked()
@@ -255,6 +255,6 @@ class _DriveObserver(Observer):
     def unlogged(self, what: Diagnostic) -> None:
         self._service.event("error", what)
 
-    def ended(self, why: Diagnostic | None) -> list[LastLine]:
-        self.over, self.stopped = True, why
+    def ended(self, reason: Diagnostic | None) -> list[LastLine]:
+        self.over, self.stopped = True, reason
         return []

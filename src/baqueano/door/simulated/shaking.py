@@ -129,7 +129,7 @@ class _LedgerKeeper(Observer):
             self._changed, self._published_s = False, t_s
             self._faults.tell(ledger)
 
-    def ended(self, why: Diagnostic | None) -> "Iterable[LastLine]":
+    def ended(self, reason: Diagnostic | None) -> "Iterable[LastLine]":
         self._faults.ended()
         if self._ledger is not None and self._ledger.rows:
             self._faults.tell(self._ledger)

@@ -6,7 +6,7 @@ T is the way there and back, from the fingers to the vehicle: who sees late driv
 unseen is no longer than at FAR_MS.
 
 What it asks for besides a command goes two ways: `words` for a vehicle that is reached by a door (door/remote.py),
-`why` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
+`stop_reason` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
 
     the driver wants it (space, a button of the pad)         the terminal is gone: no answer for 0.35 s, or its end
     the pad was unplugged                                    another process ends the program (SIGHUP, SIGTERM)
@@ -134,12 +134,12 @@ class Cockpit(Observer):
         delays = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
         return min(1.0, FAR_MS / max(sum(delays), 1e-3))
 
-    def stop(self, why: Diagnostic) -> None:
+    def stop(self, reason: Diagnostic) -> None:
         """Stops the vehicle for this reason, for good."""
-        self._stop = self._stop or why
-        self.status.why = text(self._stop)
+        self._stop = self._stop or reason
+        self.status.reason = text(self._stop)
 
-    def why(self, t_ns: int) -> Diagnostic | None:
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle must be stopped; None if it may go on."""
         return self._stop
 
@@ -170,7 +170,7 @@ class Cockpit(Observer):
     def show(self, state: JsonObject) -> None:
         """Take the state of a vehicle for the screen."""
         s = self.status
-        s.state, s.why = str(state.get("state", "")), text(self._stop or state.get("why"))
+        s.state, s.reason = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
             setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
         s.degraded = text(state.get("degraded"))

@@ -29,7 +29,7 @@ class Status:
     name: str
     t_s: float = 0.0
     state: str = ""
-    why: str = ""
+    reason: str = ""
     requested: np.ndarray = field(default_factory=lambda: np.zeros(3))  # of the driver
     applied: np.ndarray = field(default_factory=lambda: np.zeros(3))  # at the motors
     names: tuple[str, ...] = ("u_x", "u_y", "u_psi")
@@ -82,7 +82,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         *([f"   {s.pad}"] if s.pad else []),
         "   " + _("arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch"),
         "   " + _("SPACE stops the vehicle | m on the mark now | q ends the drive"),
-        f"   {s.why or s.degraded or s.still or s.line}",
+        f"   {s.reason or s.degraded or s.still or s.line}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
 

@@ -53,7 +53,7 @@ class Caution(Observer):
         stands = grave and seconds(t_ns, self._since_ns) >= WAIT_S
         self._guide.want(WHO, 1.0 if doubt is None else 0.0 if stands else SLOW)
 
-    def why(self, t_ns: int) -> Diagnostic | None:
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle stops.  (3)"""
         if not self._grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
             return None

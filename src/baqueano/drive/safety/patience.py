@@ -35,7 +35,7 @@ class Patience(Observer):
         if moved or self._away_m <= AWAY_M:
             self._origin, self._since_ns = eta, record.tick.t_ns
 
-    def why(self, t_ns: int) -> Diagnostic | None:
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return why the drive is given up.  (1)"""
         waited_s = seconds(t_ns, self._since_ns)
         if waited_s < self._patience_s:

@@ -48,6 +48,6 @@ class RoomWatch(Observer):
             figures: JsonObject = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
             self._reason = stop(StopReason.ROOM, axis="xy"[i], **figures)
 
-    def why(self, t_ns: int) -> Diagnostic | None:
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle stops."""
         return self._reason

@@ -43,10 +43,10 @@ TWO = 0.01  # chance below which two answers are not one
 
 
 class ObjectiveChoice(NamedTuple):
-    """The cost to believe, and why."""
+    """The cost to believe, and the reason."""
 
     cost: str  # "simulation" or "innovations"
-    why: Diagnostic
+    reason: Diagnostic
     explains: bool  # the floor what a simulation leaves
     contradicted: bool = False  # the floor, by two answers or by a larger error
 

@@ -76,7 +76,7 @@ class TermResult(NamedTuple):
 
     term: Term
     verdict: Decision
-    why: Diagnostic | None  # if it was not the figures alone
+    reason: Diagnostic | None  # if it was not the figures alone
     channel: ChannelLabel
     without: float  # held-out error of that channel
     with_: float
@@ -100,9 +100,9 @@ class TermResult(NamedTuple):
             return note("choose.taken", subject=name, before=self.without, after=self.with_, **details)
         if self.verdict == Decision.DROPPED:
             return note("choose.dropped", subject=name, **part, **details)
-        if self.why is not None:
+        if self.reason is not None:
             code = "choose.refused" if self.verdict == Decision.REFUSED else "choose.left-out-for"
-            return note(code, subject=name, why=self.why)
+            return note(code, subject=name, why=self.reason)
         return note("choose.left-out", subject=name, **part, **details)
 
     def row(self) -> "JsonObject":

@@ -113,7 +113,7 @@ class Service:
         self._free_bus()
         self._give_back()
         machine, trouble = self.machine, self._not_ready()
-        if (stop_reason := self.operator.why(attended=False)) is not None:
+        if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
             self.uno.stop()
             self.operator.forget(stop_reason)
             self._clearing = False
@@ -126,7 +126,7 @@ class Service:
         elif trouble is not None and machine.state is not DoorState.STOPPED:
             if machine.state is DoorState.READY:
                 machine.go("not ready")
-            machine.why = trouble
+            machine.reason = trouble
         self.healthy()
         self._publish()
 
@@ -204,7 +204,9 @@ class Service:
             self.health.limits = self.hardware
             self.patience(HANGING_S)
         regular_end = reason is None or code or self.operator.done
-        late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
+        late = self.operator.stop_reason(
+            attended=False
+        )  # said while the drive was prepared, or its run closed
         stop_reason = late if regular_end else reason
         self.machine.go("done" if stop_reason is None else "stop", stop_reason)
         self.operator.forget(stop_reason)
@@ -300,7 +302,7 @@ class Service:
         trips = sorted(self.uno.statistics.trips_ms)
         self.tell(
             {
-                "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
+                "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
                 "battery_v": link.battery_v, "tilt_rad": link.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
                 "imu_bus": self._bus.message if self._bus else None,
@@ -353,10 +355,10 @@ class _ServiceObserver(Observer):
         frames.begin(self._file, "real", estimator=blocks.estimator, mission=mission)
         return blocks
 
-    def why(self, t_ns: int) -> Diagnostic | None:
+    def stop_reason(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
         reason = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
-        return reason or s.operator.why(self._attended)
+        return reason or s.operator.stop_reason(self._attended)
 
     def marked(self) -> int:
         return self._service.operator.marked()
@@ -369,8 +371,8 @@ class _ServiceObserver(Observer):
     def unlogged(self, what: Diagnostic) -> None:
         self._service._event("error", what)
 
-    def ended(self, why: Diagnostic | None) -> list[LastLine]:
-        self.over, self.stopped, s, now = True, why, self._service, self._service.uno.statistics
+    def ended(self, reason: Diagnostic | None) -> list[LastLine]:
+        self.over, self.stopped, s, now = True, reason, self._service, self._service.uno.statistics
         last: list[LastLine] = [
             (CLOCK_SOURCE, *self._late.line()), (LINE_SOURCE, *line_losses(self._before, now, s.uno.trouble)),
             (UNO_SOURCE, *uno_losses(self._before, now)),

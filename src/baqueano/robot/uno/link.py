@@ -167,7 +167,7 @@ class Uno:
             with self._lock:
                 self._armed, self.trouble = False, reason
             self._drive(0, 0, 0)
-        return self._standstill.why
+        return self._standstill.reason
 
     def pump(self) -> None:
         """Takes what the line has, and asks for the time when it is due."""

@@ -20,27 +20,27 @@ def boot_ns() -> int:
 
 
 class Standstill:
-    """The time of the last command. `now_ns` is the clock of the host, `why` says why no other may leave, None where
+    """The time of the last command. `now_ns` is the clock of the host, `reason` says why no other may leave, None where
     it may."""
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._now_ns = boot_ns if now_ns is time.monotonic_ns else now_ns
         self._last_ns = -1
-        self.why: Diagnostic | None = None
+        self.reason: Diagnostic | None = None
 
     def forget(self) -> None:
         """Note that nothing drives."""
-        self._last_ns, self.why = -1, None
+        self._last_ns, self.reason = -1, None
 
     def driven(self) -> None:
         """A command leaves now."""
         self._last_ns = self._now_ns()
 
     def look(self, dead_man_ms: int) -> Diagnostic | None:
-        """Return `why`, which is None where the last command is recent enough.  (1)"""
+        """Return `reason`, which is None where the last command is recent enough.  (1)"""
         gap_ns = self._now_ns() - self._last_ns
-        if self.why is None and self._last_ns >= 0 and gap_ns > 1_000_000 * dead_man_ms:
-            self.why = stop(
+        if self.reason is None and self._last_ns >= 0 and gap_ns > 1_000_000 * dead_man_ms:
+            self.reason = stop(
                 StopReason.STANDSTILL, still_s=round(gap_ns * 1e-9, 2), dead_man_s=1e-3 * dead_man_ms
             )
-        return self.why
+        return self.reason

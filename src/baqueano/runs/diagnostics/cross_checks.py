@@ -31,7 +31,9 @@ def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
         raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=_all(errors), accept=codes))
     return tuple(
-        d._replace(level="warning", why=note("recording.accepted", cause=d.why)) if d.level == "error" else d
+        d._replace(level="warning", reason=note("recording.accepted", cause=d.reason))
+        if d.level == "error"
+        else d
         for d in doubts
     )
 
@@ -40,9 +42,9 @@ def _all(doubts: list[Doubt]) -> Diagnostic:
     """Return several doubts as one; a line to write of several stands after the last."""
     lines = [d.line for d in doubts]
     each = [
-        note("recording.and-line", cause=d.why, line=d.line)
+        note("recording.and-line", cause=d.reason, line=d.line)
         if d.line and d.line not in lines[k + 1 :]
-        else d.why
+        else d.reason
         for k, d in enumerate(doubts)
     ]
     first = each[0]

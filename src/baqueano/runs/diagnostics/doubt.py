@@ -21,14 +21,14 @@ class Doubt(NamedTuple):
     code: str  # as `accept` in the map names it
     level: str  # "error" contradicts the map, "warning" was dealt with, "info" is good to know
     t_ns: int | None  # where it begins; None: everywhere
-    why: Diagnostic
+    reason: Diagnostic
     line: Diagnostic | str | None = None  # to write in the map
     usual: bool = False  # every import of such a map has it
 
     @property
     def text(self) -> str:
         """Return the sentence."""
-        return text(self.why)
+        return text(self.reason)
 
     @property
     def cure(self) -> str:
@@ -40,8 +40,8 @@ class Doubt(NamedTuple):
         """Return the sentence and the line to write, as one."""
         severity = Severity(self.level)
         if self.line is None:
-            return note("recording.alone", severity, what=self.code, cause=self.why)
-        return note("recording.with-line", severity, what=self.code, cause=self.why, line=self.line)
+            return note("recording.alone", severity, what=self.code, cause=self.reason)
+        return note("recording.with-line", severity, what=self.code, cause=self.reason, line=self.line)
 
     @property
     def advice(self) -> str:

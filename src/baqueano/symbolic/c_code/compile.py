@@ -57,7 +57,7 @@ class FoundCompiler(NamedTuple):
     """The compiler in use, and the obstacles to the others."""
 
     compiler: Compiler | None
-    why: Diagnostic | None  # None when the first one worked
+    reason: Diagnostic | None  # None when the first one worked
 
 
 def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
@@ -66,7 +66,7 @@ def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: boo
     thorough."""
     compiler = find()
     if compiler.compiler is None:
-        raise CompileError(compiler.why or "")
+        raise CompileError(compiler.reason or "")
     return _load(source, _flag_sets(compiler.compiler, operations, find_vectors, hasty), compiler.compiler)
 
 

@@ -87,7 +87,7 @@ class Ledger:
     >>> robot = bq.load("small")
     >>> u = np.tile([0.6, 0.0, 0.1], (500, 1))
     >>> run = experiment(robot, u, shake=["2-4 s: cut imu"])
-    >>> [(row.fault.kind, [one.who for one in row.noticed]) for row in ledger_of(run, robot).rows]
+    >>> [(row.fault.kind, [fault.who for one in row.noticed]) for row in ledger_of(run, robot).rows]
     [('cut', ['supervisor'])]
     """
 
@@ -134,26 +134,30 @@ class Ledger:
         lasted_s = min(self.now_s, row.until_s + AFTER_S) - row.fault.at_s
         if row.noticed or lasted_s < SOON_S:
             return None
-        figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.why(row.fault)}
+        figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.reason_unnoticed(row.fault)}
         if isfinite(row.error_m) and isfinite(row.bound_m):
             off = note("ledger.off", off_cm=100.0 * row.error_m, believed_cm=100.0 * row.bound_m)
             return note("ledger.nobody-and-off", subject="nobody", off=off, **figures)
         return note("ledger.nobody", subject="nobody", **figures)
 
-    def why(self, one: Fault) -> Diagnostic:
+    def reason_unnoticed(self, fault: Fault) -> Diagnostic:
         """Return what keeps the witnesses from noticing a fault of this kind, with these sensors."""
         wheels = any(reads in WHEELS for reads in self._reads.values())
-        code = one.kind
-        if self._used_channels is not None and one.kind in OF_CHANNEL and one.of not in self._used_channels:
-            return note("ledger.why-unused", subject=one.of)
-        if one.kind == "slip" and wheels:
+        code = fault.kind
+        if (
+            self._used_channels is not None
+            and fault.kind in OF_CHANNEL
+            and fault.of not in self._used_channels
+        ):
+            return note("ledger.reason-unused", subject=fault.of)
+        if fault.kind == "slip" and wheels:
             code = "slip-wheels"
-        if one.kind == "tilt" and self._sees_pose:
+        if fault.kind == "tilt" and self._sees_pose:
             code = "tilt-pose"
-        if one.kind == "drift":
-            other_sensors = [name for name in self._reads if name != one.of.partition("[")[0]]
+        if fault.kind == "drift":
+            other_sensors = [name for name in self._reads if name != fault.of.partition("[")[0]]
             code = "drift-others" if other_sensors else "drift"
-        return note(f"ledger.why-{code}", subject=one.of or one.kind)
+        return note(f"ledger.reason-{code}", subject=fault.of or fault.kind)
 
     def _take_fault(self, message: Diagnostic) -> None:
         number = int(message.figures["number"])
