@@ -1,4 +1,4 @@
-"""All benches, or those that are named."""
+"""Run all benches, or only the named ones."""
 
 import argparse
 import importlib
@@ -12,7 +12,7 @@ BENCHES = (
 
 
 def main() -> int:
-    """0 if every target was met or none is judged, else 1."""
+    """Run the benches; return 0 if every target was met or none is judged, else 1."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "names", nargs="*", metavar="name", help=f"one or more of {', '.join(BENCHES)}; all if left out"

@@ -1,10 +1,10 @@
-"""The augmented state as people write it today, in filterpy and in dynamax: the same 13 states, g and h.
+"""Implement the augmented filter with filterpy and with dynamax: the same 13 states, g and h as ours.
 
     x = (η, ν, d, κ, β);   g: Runge and Kutta, then d and κ in first order;   h: specific force and turning, with β
 
-Kalman's own gain, no gate and no rest, for neither library has them. filterpy is given the Jacobian of Runge and Kutta
-stage by stage, with disturbance and scales to the first order; dynamax differentiates by itself. Nothing of ours is
-used here but the numbers of the model.
+The gain is Kalman's, without a gate and without rest, which neither library has. filterpy gets the Jacobian of Runge
+and Kutta stage by stage, with disturbance and scales to the first order; dynamax differentiates by itself. Of our code
+only the numbers of the model are used here.
 """
 
 from typing import Any
@@ -17,13 +17,13 @@ MASS, DRAG = np.array([*M, I]), np.array([ALONG, ACROSS, SPIN])
 
 
 def nu_dot(nu, u, np=np):
-    """ν̇ (3,) without a disturbance."""
+    """Return ν̇ (3,) without a disturbance."""
     turning = np.array([nu[1] * nu[2], -nu[0] * nu[2], 0.0])
     return (np.array([PUSH * u[0], 0.0, TWIST * u[2]]) - DRAG * nu) / MASS + turning
 
 
 def next_state(x, u, keep, np=np):
-    """g (13,); `keep` (2,) is what a disturbance keeps in a tick."""
+    """Return g (13,); `keep` (2,) is the factor by which a disturbance decays in a tick."""
 
     def rate(pose, nu):
         c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -44,14 +44,14 @@ def next_state(x, u, keep, np=np):
 
 
 def imu_readings(x, u, np=np):
-    """h (3,)."""
+    """Return h (3,)."""
     nu = x[3:6]
     rate = nu_dot(nu, u, np)
     return np.array([rate[0] - nu[2] * nu[1] + x[6] + x[10], rate[1] + nu[2] * nu[0] + x[11], nu[2] + x[12]])
 
 
 class Filterpy:
-    """One filter, tick by tick."""
+    """The filter in filterpy, tick by tick."""
 
     def __init__(self, keep, P0, R, Q) -> None:
         from filterpy.kalman import ExtendedKalmanFilter
@@ -64,13 +64,13 @@ class Filterpy:
         self.ekf.x, self.ekf.P, self.ekf.Q, self.ekf.R = np.zeros(13), P0.copy(), R, Q  # it swaps the letters
 
     def step(self, u, z):
-        """The state after a tick (13,)."""
+        """Return the state after a tick (13,)."""
         self.predicted(u)
         self.ekf.update(z, self._of_readings, lambda x: imu_readings(x, u))
         return self.ekf.x
 
     def predicted(self, u):
-        """The filter after its prediction."""
+        """Return the filter after its prediction."""
         self.ekf.F = self._of_motion(self.ekf.x, u)
         self.ekf.predict(u)
         return self.ekf
@@ -114,7 +114,7 @@ class Filterpy:
 
 
 def dynamax(u, z, keep, P0, R, Q) -> Any:
-    """A compiled function that returns the states (N, 13); ImportError where it is not installed."""
+    """Return a compiled function that returns the states (N, 13); ImportError if dynamax is not installed."""
     import jax
     import jax.numpy as jnp
     from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, extended_kalman_filter

@@ -1,6 +1,6 @@
-"""A step of the predictive controller beside the call of its solver: how much all the rest takes.
+"""Compare a step of the predictive controller with its solver's call, to find the cost of the rest.
 
-The call of the solver is what any text around it has to pay: new P and q, factors, iterations, solution.
+Any code around the solver has to pay for its call: new P and q, factors, iterations, solution.
 """
 
 from time import process_time
@@ -14,11 +14,11 @@ from baqueano.vehicle_file import load
 from benchmarks.harness import Bench, Case, LeftOut, measured
 
 HZ = 50.0
-HALF = 0.5  # of a step, that the solver should have at least
+HALF = 0.5  # least share of a step's time for the solver
 
 
 def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
-    """A robot and a car."""
+    """Return the benches of a robot and a car."""
     try:
         import osqp  # noqa: F401
     except ImportError:
@@ -27,7 +27,7 @@ def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
 
 
 def predictive(name: str, speed_m_s: float) -> Bench:
-    """Drive beside a route, tick by tick, and solve the program of the last tick again."""
+    """Return the bench: drive beside a route, tick by tick, and solve the program of the last tick again."""
     file, route = load(name), sinuous_circle(0.6, 0.06, 5, speed_m_s)
     law = Mpc(file.vehicle, limit=file.command.limit, rate_hz=HZ)
     state, tick = law.init(), 0

@@ -1,17 +1,16 @@
-"""Vehicles of the independent truth fitted by commands and IMU alone: whether the intervals of 95 % hold the truth.
+"""Fit vehicles of the independent truth by commands and IMU only, and count how often 95 % intervals cover the truth.
 
-    python -m benchmarks.coverage_without_encoders --seeds 20   (--smallest: that it runs)
+    python -m benchmarks.coverage_without_encoders --seeds 20      (--smallest: that it runs)
 
-One row per case: the share of intervals that hold, over all parameters that have a true value and were seen inside
-their bounds; the error over the standard error, root mean square over the runs, of the middle parameter and of the
-worst; the largest mean error over its scatter, of which 1/√seeds is chance; the median of the standard error, in parts
-of the truth, over the parameters that are not 0.
+One row per case: the coverage over all parameters with a true value and an estimate inside its bounds; the error over
+the standard error, rms over the runs, of the median and of the worst parameter; the largest mean error over its
+scatter, of which 1/√seeds is chance; the median standard error, relative to the truth, of parameters that are not 0.
 
-    shaken          a car whose IMU is shaken the more, the faster it drives
-    shaken, floor   the same on a floor that pushes it, as the garage's file tells
-    steady, floor   noise that does not know of the speed
-    ± scales        as "shaken, floor", of an IMU whose scales are off by chance within ± 1 % (gyro), ± 2 %
-    robot           two wheels with dead zones, lag and delay, led by the gyro; plain: by the simulation
+    shaken            a car whose IMU vibrates more at higher speed
+    shaken, floor     the same on a floor that disturbs it, as in the garage's file
+    steady, floor     noise independent of the speed
+    ± scales          as "shaken, floor", with random scale errors of the IMU within ± 1 % (gyro), ± 2 %
+    robot             two wheels with dead zones, lag and delay, fitted from the gyro; plain: by the simulation
 """
 
 import argparse
@@ -41,7 +40,7 @@ REST_S = 3.0  # of a car first, which shows the zero of its gyro
 DRIVE = ("throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag")
 YAW = ("steering_gain", "steering_offset_rad", "yaw_lag_s")
 FREE = tuple(f"model.{name}" for name in DRIVE + YAW)
-LOCK = 0.3  # of full: tyres that hardly slip, a car that is nearly the one that is fitted
+LOCK = 0.3  # of full steering: the tyres hardly slip, so that the model nearly fits
 AT_REST, BY_SPEED = np.array([0.05, 0.05, 0.02]), np.array([0.6, 1.2, 0.03])  # noise, and its growth per m/s
 SCALES = {"gyro": 0.01, "accel": 0.02}
 EXACT = {"gyro": 0.0, "accel": 0.0}
@@ -51,7 +50,7 @@ CASES = ("shaken", "shaken, floor", "steady, floor", "± scales", "robot", "robo
 def steps(
     rng: np.random.Generator, low: float, high: float, hold_s: float, rate_hz: float, duration_s: float
 ) -> np.ndarray:
-    """A command (N,) that jumps every `hold_s`."""
+    """Return a command (N,) that jumps every `hold_s`."""
     count = int(np.ceil(duration_s / hold_s))
     return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(duration_s * rate_hz)]
 
@@ -60,7 +59,7 @@ Made = tuple[Run, Any, dict[str, np.ndarray]]  # a run, its file, and the true v
 
 
 def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
-    """Return the cars of these seeds, simulated side by side."""
+    """Return the cars of these seeds, simulated in one batch."""
     cars = [car(seed, "matched") for seed in seeds]
     if case != "shaken":
         floor = np.asarray(load("car").value("model.process_noise_std"))[None]
@@ -87,7 +86,7 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
 
 
 def of_robots(seeds: range, duration_s: float) -> list[Made]:
-    """Return the robots of these seeds, simulated side by side."""
+    """Return the robots of these seeds, simulated in one batch."""
     robots = [robot(seed) for seed in seeds]
     files, us = [robot_file(q) for q in robots], []
     for seed, file in zip(seeds, files, strict=True):
@@ -110,7 +109,7 @@ def _drive_cars(
 
 
 def fitted(case: str, run: Run, file: Any) -> Any:
-    """The fit of a run."""
+    """Return the fit of a run."""
     if "robot" not in case:
         return fit_imu_only(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
     if "plain" in case:
@@ -119,7 +118,7 @@ def fitted(case: str, run: Run, file: Any) -> Any:
 
 
 def covered(case: str, seeds: range, duration_s: float) -> str:
-    """One row of the table."""
+    """Return one row of the table."""
     errors, sds, truths = [], [], []
     runs_of_case = of_robots(seeds, duration_s) if "robot" in case else of_cars(case, seeds, duration_s)
     for run, file, true in runs_of_case:
@@ -141,7 +140,7 @@ def covered(case: str, seeds: range, duration_s: float) -> str:
 
 
 def main() -> None:
-    """Prints the table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

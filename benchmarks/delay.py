@@ -1,12 +1,12 @@
-"""How much delay a controller bears: robots of the second simulator, models that are wrong, wheels that are disturbed.
+"""Measure the delay that a controller tolerates: robots of the second simulator, wrong models, disturbed wheels.
 
-    python -m benchmarks.delay --controller pd_feedforward   (--smallest: that it runs)
+    python -m benchmarks.delay --controller pd_feedforward      (--smallest: that it runs)
 
-The bearable delay is the total delay, from a command to the motor, at which the distance beside the path (rms, median
-of the robots) is twice that with the robots' own delay of 4 to 17 ms. The controller does not know of the added delay.
-Pose and velocity are known, gains are the defaults. The model is the robot's own with errors, uniform within ± these:
-actuator matrix 2 %, dry friction and dead zones 5 %, lag 10 %; the duty of each wheel is off by 3 % (1 sd), changing
-over 2 s. The paper's PD cannot correct an error beside its path; its row shows what the measure says then.
+The tolerated delay is the total delay, from a command to the motor, that doubles the distance beside the path. That
+distance is the rms, median of the robots, with their delay of 4 to 17 ms. The added delay is unknown to the controller.
+Pose and velocity are known, gains are the defaults. The model is the robot's with errors, uniform within ± these:
+actuator matrix 2 %, dry friction and dead zones 5 %, lag 10 %. The duty of each wheel is off by 3 % (1 sd), changing
+over 2 s. The paper's PD cannot correct an error beside its path; its row shows the result of this measure in that case.
 """
 
 import argparse
@@ -34,7 +34,7 @@ SIDES = np.array([[1.0, 0.0, -1.0], [1.0, 0.0, 1.0]])  # duty of the wheels (2,)
 
 
 def model_of(robot, seed):
-    """The file of a robot, whose model is wrong."""
+    """Return the file of a robot, with a wrong model."""
     draw, file = np.random.default_rng([seed, 31]), robot_file(robot)
     values = {}
     for path, true in robot_values(robot).items():
@@ -45,7 +45,7 @@ def model_of(robot, seed):
 
 
 def disturbances(seed, ticks, rate_hz):
-    """(ticks, 2) by which the duty of each wheel is off, as a part of it."""
+    """Return the relative error of each wheel's duty (ticks, 2)."""
     draw, keep = np.random.default_rng([seed, 32]), np.exp(-1.0 / (FADE_S * rate_hz))
     out = np.zeros((ticks, 2))
     out[0] = WHEELS * draw.standard_normal(2)
@@ -55,7 +55,7 @@ def disturbances(seed, ticks, rate_hz):
 
 
 def errors_beside(loops, robots, seeds, seconds):
-    """The distance beside the path of each robot, rms [m]."""
+    """Return the distance beside the path of each robot, rms [m]."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     t_ns, guide = times(int(seconds * rate_hz), rate_hz), Repeat.along(ROUTE)
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
@@ -79,7 +79,7 @@ def errors_beside(loops, robots, seeds, seconds):
 
 
 def main():
-    """The distance for each delay, and the delay at which it doubles."""
+    """Print the distance for each delay, and the delay at which it doubles."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--controller", default="pd_feedforward")
     parser.add_argument("--smallest", action="store_true")

@@ -1,9 +1,9 @@
-"""How the door holds: how soon a STOP is a zero command, how soon something is told, and the memory of its service.
+"""Measure the door under load: the delay from STOP to a zero command, that of a message, and the service's memory.
 
-The service of a simulated vehicle drives at 100 Hz in a process of its own. Those who flood it live in a second one:
-they say `runs` without end, and read what is answered. All times are of the clock that the processes of a machine
-share; quiet and flooded are measured in turn, so that a busy machine slows both. Before a stop is a zero command it
-waits for the next tick, up to 10 ms.
+The service of a simulated vehicle drives at 100 Hz in a separate process. The flooding guests run in a second one: they
+send `runs` without end, and read the answers. All times are of the clock that the processes of a machine share. Quiet
+and flooded are measured in turn, so that other work of the machine slows both. A stop waits for the next tick, up to
+10 ms, before it becomes a zero command.
 """
 
 import json
@@ -30,11 +30,11 @@ FLOODING, MANY = 5, 12  # guests
 MOST_STOP_MS, MOST_TOLD_MS, MOST_MB = 50.0, 5.0, 20.0
 RUNS = 300  # in the folder: the answer to `runs` is long
 STARTS_S = 120.0
-EVERY = 2  # ticks: then the loop tells the time
+EVERY = 2  # ticks between two messages of the loop with the time
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """The delays of a stop and of a message, quiet and flooded, and the memory of guests."""
+    """Return the delays of a stop and of a message, quiet and flooded, and the memory of the service with guests."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the door", "it is a socket of Unix")]
     with before_others() as share, serve_vehicle(2 if smallest else RUNS) as (service, guest, door):
@@ -44,7 +44,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
 
 @contextmanager
 def serve_vehicle(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
-    """The process of a service with so many runs, somebody at its door, and the door."""
+    """Yield the process of a service with this number of runs, a client, and the door."""
     with ExitStack() as open_things:
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
         for k in range(runs):
@@ -54,8 +54,10 @@ def serve_vehicle(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
 
 
 class Times(NamedTuple):
-    """Times of the same service in turn [ms]: until a STOP is a zero command, and until what the loop tells is there.
-    Those of messages come in rounds of half a second."""
+    """Times of the same service in turn [ms]: from STOP to a zero command, and the delays of the loop's messages.
+
+    Those of messages come in rounds of half a second.
+    """
 
     quiet: list[float]
     flooded: list[float]
@@ -64,7 +66,7 @@ class Times(NamedTuple):
 
 
 def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
-    """Begin and stop drives, while nobody else is there and while FLOODING guests flood the door."""
+    """Begin and stop drives, without other guests and with FLOODING guests that flood the door; return the times."""
     times = Times([], [], [], [])
     for _ in range(rounds):
         guest.begin()
@@ -113,7 +115,7 @@ def _memory(service: int, guest: "Teacher", door: Path, seconds: float) -> Bench
 
 
 def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tuple[float, float]:
-    """Return the memory of the service before MANY guests ask for the runs, and by how much it was larger at most."""
+    """Return the memory of the service before MANY guests request the runs, and its largest growth [MB]."""
     guest.begin()
     before = resident_mb(service)
     forget_most(service)
@@ -135,7 +137,7 @@ class Teacher:
             Mission("experiment", u=np.tile([0.5, 0.0, 0.1], (2000, 1))), load("small")
         ).json()
         self._line = socket.socket(socket.AF_UNIX)
-        self.first = False  # the loop of the service runs before all else
+        self.first = False  # True if the loop of the service runs under SCHED_FIFO
 
     def __enter__(self) -> "Teacher":
         self._line.connect(str(self._door))
@@ -157,12 +159,12 @@ class Teacher:
         self._hear("tick")
 
     def message_delays_ms(self, seconds: float) -> list[float]:
-        """Return how late each word of the loop came in the next seconds."""
+        """Return the delay of each message of the loop in the next seconds [ms]."""
         begun_ns, times_ms = time.monotonic_ns(), []
         while time.monotonic_ns() < begun_ns + 1e9 * seconds:
             word = self._hear("tick")
             self.first = word["first"]
-            if word["t_ns"] > begun_ns:  # those of before have waited here
+            if word["t_ns"] > begun_ns:  # earlier ones have waited in the buffer
                 times_ms.append(1e-6 * (time.monotonic_ns() - word["t_ns"]))
         return times_ms
 
@@ -188,7 +190,7 @@ class Teacher:
 
 
 def serve(folder: str) -> None:
-    """Run a service whose loop tells the time of its ticks, and of the first zero command after others."""
+    """Run a service whose loop sends the time of its ticks, and of the first zero command after others."""
     from baqueano.door.simulated.missions import StoredRoutes
     from baqueano.door.simulated.service import SimulatedService
     from baqueano.door.sockets import Door
@@ -220,7 +222,7 @@ def serve(folder: str) -> None:
 
 
 def flooding(door: str, number: str) -> None:
-    """Say `runs` without end; of more than FLOODING guests every second one reads nothing."""
+    """Send `runs` without end; of more than FLOODING guests every second one does not read."""
     words, look = b'{"do": "runs"}\n' * 1000, selectors.DefaultSelector()
     for k in range(int(number)):
         _connect_guest(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
@@ -235,7 +237,7 @@ def flooding(door: str, number: str) -> None:
                     line.send(words)  # pyright: ignore[reportAttributeAccessIssue]
             except BlockingIOError:
                 continue
-            except OSError:  # it read nothing, and was let go
+            except OSError:  # it did not read, and was disconnected
                 look.unregister(line)
                 line.close()  # pyright: ignore[reportAttributeAccessIssue]
                 _connect_guest(look, door, reads)
@@ -250,7 +252,7 @@ def _connect_guest(look: selectors.BaseSelector, door: str, reads: bool) -> None
 
 @contextmanager
 def flood(door: Path, number: int) -> Iterator[None]:
-    """Let so many guests flood a door, from a process of their own."""
+    """Let this number of guests flood a door, from a separate process."""
     with _program("flooding", str(door), str(number)) as program:
         assert program.stdout is not None
         program.stdout.readline()

@@ -1,12 +1,12 @@
-"""15 parameters from 60 s of IMU at 100 Hz: identify() against SciPy's least_squares with Huber's loss, and JAX.
+"""Fit 15 parameters from 60 s of IMU at 100 Hz: identify() against SciPy's least_squares with Huber's loss, and JAX.
 
-All begin where friction and forces are half of the truth and cross-talk is zero, all know the noise, and
-all end at the same cost (checked). SciPy takes its Jacobian by finite differences over the NumPy loop, as
-one does. With --smallest its evaluations are counted on our simulation of the same model, and one of them is
-timed on the loop. JAX is left out where it is not installed: it is in the extra `bench`. It is measured twice:
-as a fit with error bars beside identify(), which reads, checks and reports a run as well; and as what feeds
-the optimiser, against our kernel in the same place. Here identify() also asks what the model lacks, as it does unless
-it is told not to; a row by itself tells what it takes without. Elsewhere nobody asks.
+All begin with friction and forces at half of the truth and zero cross-talk, and use the known noise. All must end at
+the same cost (checked). SciPy takes its Jacobian by finite differences over the NumPy loop, as is usual. With
+--smallest its evaluations are counted on our simulation of the same model, and one of them is timed on the loop. JAX,
+of the extra `bench`, is omitted if it is not installed. It is measured twice: as a fit with error bars beside
+identify(), which also reads, checks and reports a run; and as the function for the optimiser, against our kernel.
+identify() also diagnoses the model here, as by default; a separate row shows the time without that. The other benches
+omit it.
 
 A run of ten times the length, and several runs on one processor and on all of them, follow.
 """
@@ -38,7 +38,7 @@ FILE = load("case-study-1").with_values({"command.limit": [20.0, 20.0, 60.0]})
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """Against peers, over time, over processors."""
+    """Return the benches against peers, over time, over processors."""
     one_s, several_s = (10.0, 20.0) if smallest else (60.0, 1440.0)
     jax = against_jax(one_s) if find_spec("jax") else LeftOut("fit in JAX", "pip install jax")
     several = [] if _processors() < 2 else [several_runs(several_s)]
@@ -46,7 +46,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
 
 
 def against_peers(duration_s: float, extrapolated: bool) -> Bench:
-    """The whole fit, from the run to the estimates and their errors."""
+    """Return the bench of the whole fit, from the run to the estimates and their errors."""
     from scipy.optimize import least_squares
 
     run, u = _record_run(duration_s, 3)
@@ -91,7 +91,7 @@ def against_peers(duration_s: float, extrapolated: bool) -> Bench:
 
 
 def against_jax(duration_s: float) -> Bench:
-    """The same search by the same optimiser, fed by our kernel and by JAX's."""
+    """Return the bench of the same search by the same optimiser, with our kernel and with JAX's."""
     run, u = _record_run(duration_s, 3)
     z, first = run.sensors["imu"].z, 0.5 * peers.parameters()[0]
     kernel, low = _kernel(FILE.vehicle, whitened=True), np.array([0.0] * 6 + [-np.inf] * 9)
@@ -112,7 +112,7 @@ def against_jax(duration_s: float) -> Bench:
 def _in_jax(
     u: np.ndarray, z: np.ndarray, estimate: np.ndarray, sd: np.ndarray | None
 ) -> tuple[Callable, Callable]:
-    """The search in JAX, and the fit with error bars, both compiled; they must end where ours do."""
+    """Return the search in JAX, and the fit with error bars, both compiled; they must end at our results."""
     from benchmarks import jax_peer
 
     truth, m, I = peers.parameters()
@@ -125,7 +125,7 @@ def _in_jax(
 
 
 def ten_times(duration_s: float) -> Bench:
-    """One run, and one of ten times its length."""
+    """Return the bench of one run, and of one of ten times its length."""
     runs = [_record_run(duration_s * k, 3)[0] for k in (1, 10)]
     cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fitted(run)) for run in runs]
     return measured(
@@ -134,14 +134,16 @@ def ten_times(duration_s: float) -> Bench:
 
 
 def several_runs(duration_s: float) -> Bench:
-    """Four runs, on all processors, and on one without a second worker, which would wait for the lock there."""
+    """Return the bench of four runs on all processors, and on one without a second worker, which would wait there."""
     runs = [_record_run(duration_s / 4.0, seed)[0] for seed in range(4)]
     everywhere = os.sched_getaffinity(0)
 
     def one_process():
         _confine({min(everywhere)})
         try:
-            with patch.object(parallel, "ENOUGH", sys.maxsize):  # rows from which on threads pay
+            with patch.object(
+                parallel, "ENOUGH", sys.maxsize
+            ):  # least number of rows for which threads are used
                 _fitted(runs)
         finally:
             _confine(everywhere)
@@ -156,7 +158,7 @@ def _title(duration_s: float) -> str:
 
 
 def _record_run(duration_s: float, seed: int) -> tuple[Run, np.ndarray]:
-    """A run of the vehicle with a sideways actuator, and its command."""
+    """Return a run of the vehicle with a sideways actuator, and its command."""
     u = paper.signal(duration_s, sideways=20.0)
     return simulate(FILE, u, seed=seed), u
 
@@ -173,18 +175,18 @@ def _fitted(runs, doubts=False):
 
 
 def _confine(processors: set[int]) -> None:
-    """All threads of this process to these processors."""
+    """Move all threads of this process to these processors."""
     for thread in os.listdir("/proc/self/task"):
         os.sched_setaffinity(int(thread), processors)
 
 
 def _processors() -> int:
-    """That can be chosen from."""
+    """Return the number of processors that this process can choose."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else 1
 
 
 def _kernel(vehicle, whitened=False):
-    """θ (15,) and the signal → what the paper's IMU shows, or with measurements (z − h)/σ."""
+    """Return a scan: θ (15,) and the signal → the readings of the paper's IMU, or with measurements (z − h)/σ."""
     zero = np.zeros(3)
 
     def step(theta, state, row):

@@ -1,9 +1,9 @@
-"""Times several ways to do the same thing, interleaved, and tells medians as ratios.
+"""Time several ways to do the same task, interleaved, and report medians as ratios.
 
-A B C, A B C, … in one process with the garbage collector off: a machine that is shared slows all alike.
-A quick case is repeated until a round of it takes LEAST_S, and has the more rounds: short ones are seldom
-interrupted by others, so the median is of those that were not. First calls (tracing, compiling) do not count.
-What runs on one processor may be measured by the time that it had it, whatever else the machine does.
+A B C, A B C, … in one process with the garbage collector off: other work of the machine slows all alike. A quick case
+is repeated until a round of it takes LEAST_S, and gets more rounds. Short rounds are seldom interrupted, so the median
+is one of an undisturbed round. First calls (tracing, compiling) do not count. A case on one processor may be measured
+by its processor time, independent of other work of the machine.
 """
 
 import gc
@@ -18,7 +18,7 @@ ENOUGH_S = 0.2  # of one case
 
 
 class Case(NamedTuple):
-    """One way to do it."""
+    """One way to do the task."""
 
     name: str
     call: Callable[[], Any]
@@ -38,18 +38,18 @@ class Row(NamedTuple):
 
 
 class Bench(NamedTuple):
-    """One question, answered."""
+    """The result of one comparison."""
 
     title: str
     rows: tuple[Row, ...]
 
     @property
     def met(self) -> bool:
-        """Whether every target was reached."""
+        """Return True if every target was reached."""
         return not any(row.missed for row in self.rows)
 
     def table(self) -> str:
-        """For people."""
+        """Return the rows as text."""
         wide = max(len(row.name) for row in self.rows)
         lines = [self.title]
         for row in self.rows:
@@ -61,28 +61,28 @@ class Bench(NamedTuple):
         return "\n".join(lines)
 
     def as_rows(self) -> list[dict[str, Any]]:
-        """For machines."""
+        """Return the rows as dicts, for JSON."""
         return [{"bench": self.title, **row._asdict()} for row in self.rows]
 
 
 class LeftOut(NamedTuple):
-    """What this machine cannot measure, and the command that changes it."""
+    """A bench that this machine cannot run, and the command that changes it."""
 
     title: str
     command: str
     met: bool = True
 
     def table(self) -> str:
-        """For people."""
+        """Return a line with that command."""
         return f"{self.title}: left out. Type: {self.command}"
 
     def as_rows(self) -> list[dict[str, Any]]:
-        """None."""
+        """Return an empty list."""
         return []
 
 
 def interleaved(cases: Sequence[Case], clock: Callable[[], float] = time.perf_counter) -> list[float]:
-    """Median seconds of each case."""
+    """Return the median seconds of each case."""
     plans = [_plan(case, clock) for case in cases]
     seconds_of_cases: list[list[float]] = [[] for _ in cases]
     gc.disable()
@@ -97,7 +97,7 @@ def interleaved(cases: Sequence[Case], clock: Callable[[], float] = time.perf_co
 
 
 def timed(call: Callable[[], Any], repeat: int = 1, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Seconds of one call, the mean of `repeat`."""
+    """Return the seconds of one call, the mean of `repeat`."""
     start = clock()
     for _ in range(repeat):
         call()
@@ -112,8 +112,10 @@ def measured(
     most: dict[str, float] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Bench:
-    """The bench of `cases`; the first one is ours, `targets` are the least ratios by the name of the others,
-    `most` the greatest."""
+    """Return the bench of `cases`, of which the first one is ours.
+
+    `targets` are the least ratios by the names of the others, `most` the greatest.
+    """
     seconds = interleaved(cases, clock)
     rows = [
         row(case.name, s, seconds[0], targets, notes or {}, most)
@@ -130,14 +132,14 @@ def row(
     notes: dict[str, str],
     most: dict[str, float] | None = None,
 ) -> Row:
-    """One case beside ours."""
+    """Return the row of one case beside ours."""
     target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / own_seconds
     is_missed = ratio < target or bool(limit and ratio > limit)
     return Row(name, seconds, ratio, target, notes.get(name, ""), is_missed, limit)
 
 
 def in_units(seconds: float) -> str:
-    """Three digits and a unit, eleven letters wide."""
+    """Return a time with three digits and a unit, eleven letters wide."""
     for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "µs")):
         if seconds * factor >= 1.0 or unit == "µs":
             return f"{seconds * factor:8.3g} {unit:<2}"
@@ -145,7 +147,7 @@ def in_units(seconds: float) -> str:
 
 
 def _plan(case: Case, clock: Callable[[], float]) -> tuple[int, int]:
-    """Calls a round, and rounds; the first call, which may compile, is not counted."""
+    """Return the calls per round and the number of rounds; the first call, which may compile, is not counted."""
     if case.rounds < ROUNDS:
         return 1, case.rounds
     case.call()

@@ -1,8 +1,8 @@
-"""What the IMU's driver costs and how it recovers, on the emulated chip: `python -m benchmarks.imu [--smallest]`.
+"""Measure the cost of the IMU's driver and its recovery, on the emulated chip: `python -m benchmarks.imu [--smallest]`.
 
-CPU time of a call is this machine's and holds all but the kernel's transfer, which is answered with numbers prepared
-beforehand. All other figures are in the emulated bench's own time, at 400 kHz with a call each 10 ms, and the same on
-every machine.
+CPU time of a call is this machine's and includes all but the kernel's transfer, which returns numbers prepared
+beforehand. All other figures are in the time of the emulated bench, at 400 kHz with a call each 10 ms. They are the
+same on every machine.
 """
 
 import argparse
@@ -19,14 +19,14 @@ CALLS, MOMENTS, STAMPS_S = 4000, 12, 20.0
 
 
 class Patch:
-    """monkeypatch for whoever is no test."""
+    """A replacement for pytest's monkeypatch outside a test."""
 
     def setattr(self, place, name, value) -> None:
         setattr(place, name, value)
 
 
 def bench(ppm: float = 8000.0, **settings):
-    """A bench and an IMU that has run for 1 s on it."""
+    """Return a bench and an IMU that has run for 1 s on it."""
     b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
     device = start(b, **settings)
     drive(b, device, 1.0)
@@ -34,7 +34,7 @@ def bench(ppm: float = 8000.0, **settings):
 
 
 def drive(b, device, seconds: float, until=lambda samples, events: False):
-    """Calls each 10 ms: samples with the time of their call, events, the longest call [ns]."""
+    """Call the device each 10 ms; return the samples with the time of their call, the events, the longest call [ns]."""
     samples, events, longest, due = [], [], 0, b.clock.now
     end = b.clock.now + seconds * 1e9
     while due < end and not until(samples, events):
@@ -47,7 +47,7 @@ def drive(b, device, seconds: float, until=lambda samples, events: False):
 
 
 def cost(mode: str, calls: int) -> np.ndarray:
-    """CPU time [µs] of calls that find two new samples (one in burst mode), sorted."""
+    """Return the CPU time [µs] of calls that find two new samples (one in burst mode), sorted."""
     import smbus2.smbus2
 
     b, device = bench(mode=mode)
@@ -76,7 +76,7 @@ def cost(mode: str, calls: int) -> np.ndarray:
 
 
 def recoveries(moments: int) -> None:
-    """What each fault costs."""
+    """Print the recovery from each fault."""
     for mode in ("fifo", "burst"):
         waits = []
         for moment in np.linspace(0.05, 1.0, moments):
@@ -115,7 +115,7 @@ def recoveries(moments: int) -> None:
 
 
 def stamps(duration_s: float) -> None:
-    """How near the stamps are to when the chip sampled."""
+    """Print the errors of the timestamps against the sampling times of the chip."""
     for ppm in (-40_000, 8_000, 40_000):
         b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
         device = start(b)
@@ -137,7 +137,7 @@ def stamps(duration_s: float) -> None:
 
 
 def main() -> None:
-    """Print what it costs, how near its stamps are, and what faults cost."""
+    """Print the cost, the errors of the timestamps, and the recovery from faults."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

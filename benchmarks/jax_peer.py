@@ -1,8 +1,8 @@
-"""The same fit as people write it in JAX today: the model in jax.numpy, `lax.scan`, forward derivatives, jit.
+"""Implement the same fit in JAX: the model in jax.numpy, `lax.scan`, forward derivatives, jit.
 
-Everything that depends on θ is one compiled function in 64 bit: simulation, sensitivities (`jacfwd`), Huber's
-weights, normal equations; and one more at the end for the standard errors. The state is the velocity alone,
-which is all that an IMU sees. The optimiser is ours, fed by it; compiling is not counted.
+All that depends on θ is one compiled function in 64 bit: simulation, sensitivities (`jacfwd`), Huber's weights, normal
+equations. A second one computes the standard errors at the end. The state is only the velocity, which is enough for an
+IMU. The optimiser is ours, with this function; compiling is not counted.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ UNROLL = 1  # ticks written out in the loop: of 1, 4 and 16 the fastest by far
 def of(
     u: np.ndarray, z: np.ndarray, sigma: np.ndarray, m: float, I: float
 ) -> tuple[Callable[[np.ndarray], Solution], Callable[[np.ndarray], tuple[Solution, np.ndarray]]]:
-    """Functions of the start (15,): the end of the search; the same and the standard errors (15,)."""
+    """Return two functions of the start (15,): the search, and the search with the standard errors (15,)."""
     import jax
     import jax.numpy as jnp
 

@@ -1,7 +1,7 @@
-"""The uses of `scan` against the same texts written by hand in C (kernels.c).
+"""Compare the uses of `scan` with the same functions written by hand in C (kernels.c).
 
-The ratio is what a careful hand takes over what the engine takes: the aim is 0.77 or more, 1.3 times its time;
-it is judged for the fit, of which one evaluation is one call.
+The ratio is the time of careful code by hand over the time of the compiled step. The aim is 0.77 or more, 1.3 times its
+time. It is judged for the fit, of which one evaluation is one call.
 """
 
 import ctypes
@@ -21,7 +21,7 @@ from benchmarks import paper, peers
 from benchmarks.harness import Bench, Case, LeftOut, measured
 
 Libraries: TypeAlias = dict[str, ctypes.CDLL]
-HANDS = {  # find_vectors, operations: the flags of everybody, and those that suit our own text
+HANDS = {  # find_vectors, operations: the usual flags, and those that suit our code
     "by hand in C, -O3": (True, compile.SCHEDULED_BELOW),
     "by hand in C, our flags": (False, 0),
 }
@@ -36,7 +36,7 @@ WEIGHT, BEND = np.array([20.0, 20.0, 200.0]), 1.345
 
 
 def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
-    """A trajectory, a filter, a fit and many vehicles."""
+    """Return the benches of a trajectory, a filter, a fit and many vehicles."""
     if compile.find().compiler is None:
         return [LeftOut("kernels by hand", "sudo apt-get install gcc")]
     u = paper.signal(1.0 if smallest else 60.0, sideways=5.0)
@@ -49,7 +49,7 @@ def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
 
 
 def runge_kutta(theta, x, u):
-    """x after one tick; θ (17,) ends in mass and inertia."""
+    """Return x after one tick; θ (17,) ends with mass and inertia."""
 
     def f(x):
         return peers.right_hand_side(x, u, theta[:15], theta[15], theta[16])
@@ -62,7 +62,7 @@ def runge_kutta(theta, x, u):
 
 
 def trajectory(libraries: Libraries, u: np.ndarray) -> Bench:
-    """One tick after the other, all states out."""
+    """Return the bench of a trajectory, tick by tick, with all states as output."""
 
     def step(theta, x, u):
         x = runge_kutta(theta, x, u)
@@ -84,7 +84,7 @@ def trajectory(libraries: Libraries, u: np.ndarray) -> Bench:
 
 
 def filtering(libraries: Libraries, u: np.ndarray) -> Bench:
-    """The extended Kalman filter with 6 states and 3 measurements, its Jacobians derived."""
+    """Return the bench of the extended Kalman filter with 6 states and 3 measurements, with its Jacobians derived."""
     z = np.random.default_rng(0).normal(size=(len(u), 3)) * 0.1
     expected = np.empty((len(u), 6))
     by_hand = compiled_cases(libraries, "filter", len(u), u, z, expected)
@@ -100,7 +100,7 @@ def filtering(libraries: Libraries, u: np.ndarray) -> Bench:
 
 
 def kalman(joseph: bool):
-    """The step of the filter."""
+    """Return the step of the filter."""
 
     def f(x, u):
         return x + peers.DT * peers.right_hand_side(x, u, THETA, MASS, INERTIA)
@@ -123,13 +123,13 @@ def kalman(joseph: bool):
 
 
 def imu_reading(theta, x, u):
-    """(3,) what an IMU shows: ν̇ − the centripetal part, and ν_ψ."""
+    """Return the reading of an IMU (3,): ν̇ − the centripetal part, and ν_ψ."""
     nu_dot = peers.right_hand_side(x, u, theta, MASS, INERTIA)[3:]
     return np.array([nu_dot[0] - x[5] * x[4], nu_dot[1] + x[5] * x[3], x[5]])
 
 
 def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
-    """Huber's normal equations for 15 parameters, lag and delay among them, of rows as a fit has them."""
+    """Return the bench of Huber's normal equations for 15 parameters, with lag and delay, on rows as in a fit."""
     z = np.random.default_rng(0).normal(size=(len(u), 3))
     rows = np.concatenate([np.full((len(u), 1), peers.DT), u[:, [0, 2]], z], axis=1)
     cost, gradient, hessian = np.empty(1), np.empty(15), np.empty((15, 15))
@@ -158,7 +158,7 @@ def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
 
 
 def late(theta, state, row):
-    """One tick of a robot whose motors are late and lag, as our vehicles step; θ as kernels.c has it."""
+    """Return one tick of a robot with delay and lag of its motors, as our vehicles step; θ as in kernels.c."""
     nu, past, steps_s, lagged = state
     dt_s, u, z, inverse_mass = row[0], row[1:3], row[3:], np.array([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
     T = theta[6:12].reshape(3, 2)
@@ -176,12 +176,12 @@ def late(theta, state, row):
 
 
 def parts(rows):
-    """dt, u and z (…, q) of rows."""
+    """Return dt, u and z (…, q) of rows."""
     return rows[..., :1], rows[..., 1:3], rows[..., 3:]
 
 
 def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
-    """32 vehicles, each with its own 17 parameters: few enough for one processor."""
+    """Return the bench of 32 vehicles, each with its 17 parameters: few enough for one processor."""
     theta = ALL * np.random.default_rng(0).uniform(0.9, 1.1, (32, 17))
     expected = np.empty((32, 6))
     by_hand = compiled_cases(libraries, "fleet", 32, len(u), theta, u, expected)
@@ -197,7 +197,7 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
 
 
 def compiled_cases(libraries: Libraries, name: str, *arguments) -> list[Case]:
-    """The function of each library on these arguments, called once, so that they are filled."""
+    """Return the function of each library on these arguments, after one call that fills them."""
     kinds = {int: ctypes.c_int64, float: ctypes.c_double}
     pointers = [
         a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else kinds[type(a)](a)

@@ -1,12 +1,11 @@
-"""Filters on drives of the very model that they assume: are they consistent, and how near is the Cramér-Rao bound?
+"""Check filters on drives of the model that they assume: their consistency, and their distance to the Cramér-Rao bound.
 
-    python -m benchmarks.limit --plot limit.svg   (--smallest: that it runs)
+    python -m benchmarks.limit --plot limit.svg      (--smallest: that it runs)
 
-Two models of matched.py: one whose biases and scales are known, as `ekf` assumes, and one that draws them as
-`augmented_ekf` assumes. A row per filter: NEES of pose and velocity and NIS, each divided by its dimension, so that
-it is 1 where the filter is right, mean of the whole drive, then NEES of single states; in brackets the share of
-ticks at which the mean of all drives lies in its 99 % band. Last the error of the speed over the bound, root mean
-square from SETTLED_S on.
+Two models of matched.py: one with known biases and scales, as `ekf` assumes, and one that draws them as `augmented_ekf`
+assumes. One row per filter: NEES of pose and velocity and NIS, as means of the whole drive, then NEES of single states.
+Each is divided by its dimension, so that it is 1 for a correct filter. In brackets: the share of ticks at which the
+mean of all drives lies in its 99 % band. Last: the error of the speed over the bound, rms from SETTLED_S on.
 """
 
 import argparse
@@ -43,11 +42,11 @@ ACCELEROMETERS = ("imu[0]", "imu[1]")
 SETTLED_S, HOLD = 1.0, 50  # ticks of a command
 TOGETHER = 100  # drives that are compared at once
 BAND = 2.576  # 99 %
-LEAST_SD = 1e-5  # of what the paper's filter needs above 0
+LEAST_SD = 1e-5  # for variances that the paper's filter needs above 0
 
 
 class Case(NamedTuple):
-    """A filter and what it assumes."""
+    """A filter and its assumptions."""
 
     name: str
     block: Any
@@ -55,7 +54,7 @@ class Case(NamedTuple):
 
 
 class Accuracy(NamedTuple):
-    """Of one case."""
+    """The accuracy of one case."""
 
     name: str
     t_s: np.ndarray  # (N,)
@@ -65,7 +64,7 @@ class Accuracy(NamedTuple):
 
 
 def cases() -> list[Case]:
-    """Both filters on what `ekf` assumes, then the recommended one with errors of the sensors."""
+    """Return both filters with the assumptions of `ekf`, then the recommended one with errors of the sensors."""
     case_list = [Case(f"ekf, {' + '.join(use)}", *_white(use)) for use in (IMU_ALONE, BOTH)]
     exact, errors = (
         (EXACT, replace(ODOMETER, scale_std=0.0), "sensors exact"),
@@ -86,7 +85,7 @@ def cases() -> list[Case]:
 
 
 def simulated(assumed: matched.AssumedNoise, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
-    """Drives under commands that are held for HOLD ticks."""
+    """Return drives under commands that are held for HOLD ticks."""
     n, rng = round(seconds / matched.DT), np.random.default_rng([seed, 1])
     blocks = -(-n // HOLD)
     levels = np.stack(
@@ -96,7 +95,7 @@ def simulated(assumed: matched.AssumedNoise, drives: int, seconds: float, seed: 
 
 
 def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
-    """Filter and compare."""
+    """Run the filter on the drives and compare it with the truth and the bound."""
     n, drives = simulated_drives.x.shape[:2]
     bound = matched.bound(case.assumed, simulated_drives, 2 + 1 + (case.block.use == BOTH))
     kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
@@ -130,7 +129,7 @@ def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
 
 
 def main() -> None:
-    """Print a row per case; draw the curves if asked."""
+    """Print a row per case; draw the curves if requested."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.limit", description=__doc__)
     parser.add_argument("--drives", type=int, default=500)
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -159,7 +158,7 @@ def main() -> None:
 
 
 def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.AssumedNoise:
-    """Return the noise that the recommended filter believes in."""
+    """Return the noise that the recommended filter assumes."""
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
     walk = np.array([*imu.accel_bias_walk * np.ones(2), imu.gyro_bias_walk])
     return matched.AssumedNoise(
@@ -168,7 +167,10 @@ def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.AssumedNoise:
 
 
 def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.AssumedNoise]:
-    """The filter of the paper's state; of R: ν gains half of what d gains in a tick, and ν̇ = f(ν) + d."""
+    """Return the filter with the paper's state, and its assumed noise.
+
+    For R: in a tick ν gains half of the gain of d, and ν̇ = f(ν) + d.
+    """
     walk, d, fade_s = np.array([0.03, 0.01, 0.1]), np.array([0.3, 3.0]), 0.5
     A = -np.diag([matched.ALONG / matched.M[0], matched.ACROSS / matched.M[1], matched.SPIN / matched.I])
     fresh = np.diag([d[0], 0.0, d[1]]) * np.sqrt(1.0 - np.exp(-2.0 * matched.DT / fade_s))
@@ -199,7 +201,7 @@ def kernel_of(block: Any) -> Any:
 
 
 def ticks_of(simulated_drives: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
-    """Return what a filter hears of drive `k`."""
+    """Return the ticks of drive `k` for a filter."""
     n, z = len(simulated_drives.u), simulated_drives.z[:, k]
     columns = (np.ascontiguousarray(z[:, :3]), np.ascontiguousarray(z[:, 3:]))[: len(use)]
     slots = sensor_slots(use)(*(Slot(np.ones(n), column, np.zeros(n)) for column in columns))
@@ -208,7 +210,7 @@ def ticks_of(simulated_drives: matched.Drives, k: int, use: tuple[str, ...]) -> 
 
 
 def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """eᵀ P⁻¹ e, (L, N)."""
+    """Return eᵀ P⁻¹ e, (L, N)."""
     return np.sum(e * np.linalg.solve(cov, e[..., None])[..., 0], axis=-1)
 
 

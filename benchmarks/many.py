@@ -1,4 +1,4 @@
-"""Ten thousand vehicles, 60 s each, all with other parameters: lanes against vectorised NumPy."""
+"""Simulate ten thousand vehicles, 60 s each, with different parameters: lanes against vectorised NumPy."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ PATHS = ("model.friction.linear", "model.friction.quadratic", "model.actuator_ma
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """All processors against one: NumPy has no other way."""
+    """Return the bench of all processors against one, since NumPy uses only one."""
     vehicles, duration_s = (40, 2.0) if smallest else (10_000, 60.0)
     theta, m, I = peers.parameters()
     thetas = theta * np.random.default_rng(1).uniform(0.8, 1.2, (vehicles, 15))

@@ -1,17 +1,14 @@
-"""The model that the filters assume, simulated and bounded with equations of its own: nothing of ours is used here.
+"""Simulate the model that the filters assume, and compute its bound, without any of our code.
 
     v̇_x = (K_x u_x − a v_x)/m + v_y r + d_x + w_x,   v̇_y = −b v_y/m − v_x r + w_y,
-    ṙ = (K_r u_r − c r)/I + d_r + w_r,   ḋ = −d/T + w_d,   biases β̇ = w_β,   κ constant                  (1)
+    ṙ = (K_r u_r − c r)/I + d_r + w_r,   ḋ = −d/T + w_d,   biases β̇ = w_β,   κ constant               (1)
     map: (ẋ, ẏ, ψ̇) = J(ψ) (1 + κ) (v_x, v_y, r)                                                          (2)
-    z: v̇_x − v_y r − w_x + β_0,   v̇_y + v_x r − w_y + β_1,   r + β_2,   and v_x of an odometer           (3)
+    z: v̇_x − v_y r − w_x + β_0,   v̇_y + v_x r − w_y + β_1,   r + β_2,   and v_x of an odometer          (3)
 
-Four steps a tick, Runge and Kutta for what is smooth, half of a random walk before and half after each (Strang). The
-posterior Cramér-Rao bound of Tichavsky, Muravchik and Nehorai (1998), over s = (v_x, v_y, r, d_x, d_r, β), with
-expectations over all drives:
-
-    J⁺ = E[Q⁻¹] + E[Hᵀ N⁻¹ H] − E[Q⁻¹ F] (J + E[Fᵀ Q⁻¹ F])⁻¹ E[Fᵀ Q⁻¹]                                    (4)
-
-No measurement shows κ, so what is shown, (1 + κ) v, has the bound J⁻¹ and σ_κ² E v² in addition.
+Four steps a tick: Runge and Kutta for the smooth part, half of a random walk before and half after each (Strang). The
+posterior Cramér-Rao bound of Tichavsky, Muravchik and Nehorai (1998), over s = (v_x, v_y, r, d_x, d_r, β), has
+expectations over all drives:  J⁺ = E[Q⁻¹] + E[Hᵀ N⁻¹ H] − E[Q⁻¹ F] (J + E[Fᵀ Q⁻¹ F])⁻¹ E[Fᵀ Q⁻¹]              (4)
+No measurement depends on κ, so the bound of the estimated velocity, (1 + κ) v, is J⁻¹ plus σ_κ² E v².
 """
 
 from typing import NamedTuple
@@ -27,7 +24,7 @@ OF_FILTER = [*range(10), 12, 13, 14]  # x in the filter's state: its course and 
 
 
 class AssumedNoise(NamedTuple):
-    """The noise that a filter believes in."""
+    """The noise that a filter assumes."""
 
     start: np.ndarray  # (13,) standard deviations of x = (η, ν, d, κ, β)
     walk: np.ndarray  # (3,) of ν in 1 s
@@ -46,7 +43,7 @@ class Drives(NamedTuple):
 
 
 def rates(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """ẋ (n, 13) without noise, of x (n, 13), β and d held.  (1), (2)"""
+    """Return ẋ (n, 13) without noise, at x (n, 13), with β and d constant.  (1), (2)"""
     psi, vx, vy, r = x[:, 2:6].T
     scale, turn = 1.0 + x[:, 8], 1.0 + x[:, 9]
     cos, sin, out = np.cos(psi), np.sin(psi), np.zeros_like(x)
@@ -59,14 +56,14 @@ def rates(x: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def readings(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """z (n, 4) without noise.  (3)"""
+    """Return z (n, 4) without noise.  (3)"""
     rate, (vx, vy, r) = rates(x, u), x[:, NU].T
     z = [rate[:, 3] - vy * r + x[:, 10], rate[:, 4] + vx * r + x[:, 11], r + x[:, 12], vx]
     return np.stack(z, axis=1)
 
 
 def drive_matched(assumed: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Drives:
-    """n drives under u (N, 3).  (1)-(3)"""
+    """Return n drives under u (N, 3).  (1)-(3)"""
     rng, h = np.random.default_rng(seed), DT / STEPS
     x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
     x[:, D] = assumed.disturbance * rng.standard_normal((n, 2))
@@ -94,7 +91,7 @@ def drive_matched(assumed: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Dr
 
 
 def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
-    """Variances (N, 3) that no estimator of ν as it is shown can go below, by the first m readings.  (4)"""
+    """Return the least variances (N, 3) of an estimator of (1 + κ) v, with the first m readings.  (4)"""
     indices = [
         k for k in range(8) if k < 5 or assumed.start[INNER[k]] > 0.0
     ]  # a bias without error is a constant
@@ -121,13 +118,13 @@ def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
 
 
 def _slopes(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """H (n, 4, 13), by central differences of (3), which is at most of the second degree."""
+    """Return H (n, 4, 13), by central differences of (3), which is at most of the second degree."""
     slopes = [(readings(x + step, u) - readings(x - step, u)) / 2e-3 for step in 1e-3 * np.eye(x.shape[1])]
     return np.stack(slopes, axis=2)
 
 
 def _transition(x: np.ndarray, noise: np.ndarray, fade_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """F, Q (n, 8, 8) of s over a tick, to the fourth order and by steps of h."""
+    """Return F, Q (n, 8, 8) of s over a tick, to the fourth order and by steps of h."""
     n, h = len(x), DT / STEPS
     (vx, vy, r), A = x[:, NU].T, np.zeros((len(x), 8, 8))
     A[:, 0, 0], A[:, 0, 1], A[:, 0, 2], A[:, 0, 3] = -ALONG / M[0], r, vy, 1.0

@@ -1,15 +1,13 @@
-"""What the onboard service takes: memory, start, ticks, measured here as a process, with an estimate for a Pi 3.
+"""Measure the onboard service as a process: memory, start, ticks, with an estimate for a Pi 3.
 
-The process is the one that systemd starts, with the unit's OPENBLAS_NUM_THREADS, the firmware behind a pty and an
-MPU-6050 behind umockdev, so its calls of I2C cost more than a kernel's. A tick's own work is measured in lock-step,
-less what the emulators take.
-
-No Pi was at hand. The estimate is processor time here × the ratio of one figure that is published of a Pi 3: Python
-without site (`-S`) says hello in 110.02 ms on "Raspberry Pi 3 (arm64), Debian buster", Python 3.6.4
-(github.com/bdrung/startup-time, README of 2018-02-10), and in so many here. With Python 3.6 on both sides the ratio was
-within a tenth of that with 3.11. Waits do not scale, and while the IMU starts the program goes on loading, which on a
-Pi takes longer than the IMU. The boot-loader of a real Uno takes BOOT_S (Optiboot,
-emulated) from when its line is opened, which is after EARLY of the start's computing; a pty has none.
+The process is that of systemd, with the unit's OPENBLAS_NUM_THREADS. The firmware is behind a pty and an MPU-6050
+behind umockdev, so the calls of I2C cost more than a kernel's. The work of a tick is measured in lock-step, minus that
+of the emulators. No Pi was available. The estimate is processor time here × the ratio of one published figure of a Pi 3
+to the same figure here: Python without site (`-S`) prints hello. It takes 110.02 ms on "Raspberry Pi 3 (arm64), Debian
+buster", Python 3.6.4 (github.com/bdrung/startup-time, README of 2018-02-10). With Python 3.6 on both sides the ratio
+was within a tenth of that with 3.11. Waiting times do not scale. While the IMU starts the program is loaded, which
+takes longer on a Pi. The boot-loader of a real Uno takes BOOT_S (Optiboot, emulated) from the opening of its line,
+after EARLY of the start's computing; a pty does not have a boot-loader.
 """
 
 import os
@@ -41,36 +39,36 @@ PI3_HELLO_S = 0.11002
 BOOT_S, EARLY = 1.4, 0.25
 AS_INSTALLED = {
     "PYTHONDONTWRITEBYTECODE": ""
-}  # pip leaves bytecode; here the first start does, whatever is set
+}  # pip writes bytecode; here the first start writes it, independent of the environment
 HELLO = [sys.executable, "-S", "-c", "print('Hello World!')"]
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What was measured; the verdict is of the memory alone, since the rest is an estimate."""
+    """The measured figures; only the memory is judged, since the rest is an estimate."""
 
     resident_mb: dict[str, float]
     start_s: float
     start_cpu_s: float
-    loading_s: float  # of it what is done while the IMU starts
+    loading_s: float  # the part of it while the IMU starts
     tick_s: float
     kept: str
     ratio: float
 
     @property
     def pi_start_s(self) -> float:
-        """Of a Pi 3, boot-loader included, estimated."""
+        """Return the estimated start on a Pi 3 with the boot-loader [s]."""
         computing_s, loading_s = self.start_cpu_s * self.ratio, self.loading_s * self.ratio
         waiting_s = self.start_s - self.start_cpu_s + self.loading_s  # for the IMU, hidden by loading or not
         return max(computing_s - loading_s, EARLY * computing_s + BOOT_S) + max(loading_s, waiting_s)
 
     @property
     def met(self) -> bool:
-        """Whether it stays below MOST_MB."""
+        """Return True if the memory stays below MOST_MB."""
         return max(self.resident_mb.values()) <= MOST_MB
 
     def table(self) -> str:
-        """For people."""
+        """Return the figures as text."""
         verdict = "" if self.met else ": missed"
         lines = [f"onboard service, small vehicle, default EKF compiled (target {MOST_MB:g} MB{verdict})"]
         lines += [f"  resident, {when:<10} {mb:8.1f} MB" for when, mb in self.resident_mb.items()]
@@ -85,12 +83,12 @@ class Figures:
         return "\n".join(lines)
 
     def as_rows(self) -> list[dict[str, Any]]:
-        """For machines."""
+        """Return the figures as dicts, for JSON."""
         return [{**self.__dict__, "pi_start_s": self.pi_start_s}]
 
 
 def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
-    """The quickest of five starts, and a drive of 30 s; of one start, and a drive of 1 s."""
+    """Return the quickest of five starts, and a drive of 30 s; with `smallest` one start, and a drive of 1 s."""
     if lacking := rig.missing():
         return [LeftOut("onboard service", f"sudo apt-get install {' '.join(lacking)}")]
     build = rig.build(user_cache() / "emulated")
@@ -104,7 +102,7 @@ def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
 
 
 def loading_s(times: int) -> float:
-    """Processor time [s] of what is loaded while the IMU starts: the least of so many."""
+    """Return the processor time [s] of the modules loaded while the IMU starts: the least of `times`."""
     code = (
         "import importlib, time, baqueano.cli.robot.robot, baqueano.robot.service.onboard as o; "
         "import baqueano.vehicle_file as v; "
@@ -120,7 +118,7 @@ def loading_s(times: int) -> float:
 
 
 def start_service(build: Any) -> tuple[float, float]:
-    """Seconds until READY=1, and those of a processor."""
+    """Return the seconds until READY=1, and the processor time [s]."""
     with (
         tempfile.TemporaryDirectory() as folder,
         running(build, Path(folder), environment=AS_INSTALLED) as service,
@@ -131,7 +129,7 @@ def start_service(build: Any) -> tuple[float, float]:
 def drive_service(
     build: Any, folder: Path, seconds: float
 ) -> tuple[dict[str, float], str, tuple[float, float]]:
-    """Resident memory [MB] before, in and after a drive, and most ever; how its ticks were kept; its start."""
+    """Return the memory [MB] before, in and after a drive and its maximum, the ticks' line, the times of the start."""
     resident: dict[str, float] = {}
     with running(build, folder, environment=AS_INSTALLED) as service, reached(str(service.door)) as remote:
         while remote.state["state"] != "READY":
@@ -152,7 +150,7 @@ def drive_service(
 
 
 def computing(build: Any, seconds: float) -> float:
-    """Processor time [s] of a tick: the median, in lock-step, less what the emulators take."""
+    """Return the processor time [s] of a tick: the median, in lock-step, minus that of the emulators."""
     robot = EmulatedRobot(build, vehicle_file.load("small"))
     with tempfile.TemporaryDirectory() as folder:
         service = serve(robot, vehicle_file.load("small"), Path(folder))
@@ -171,7 +169,7 @@ def computing(build: Any, seconds: float) -> float:
 
 
 def hello_s(times: int) -> float:
-    """Processor time [s] of HELLO, the median."""
+    """Return the median processor time [s] of HELLO."""
     cpu_times = []
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     for _ in range(times):

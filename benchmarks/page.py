@@ -1,8 +1,8 @@
-"""What the page costs: its process with viewers, the loop beside it, and the time to a first picture.
+"""Measure the cost of the page: its process with viewers, the loop beside it, and the time to a first picture.
 
-The service of a simulated vehicle drives at 100 Hz in a process of its own, the page process speaks to it over its
-socket, as on a robot. Processor time is what the system gave to the page process, whatever else the machine does; a
-time to wait is the machine's, too. Two ways are measured in turn, so that a busy machine slows both.
+The service of a simulated vehicle drives at 100 Hz in a separate process. The page process connects to it over its
+socket, as on a robot. Processor time is that of the page process only; a waiting time also depends on other work of the
+machine. Two ways are measured in turn, so that other work slows both.
 """
 
 import asyncio
@@ -25,14 +25,14 @@ from benchmarks.processes import before_others, first_of_all, p99, quantile, res
 
 VIEWERS = 5
 MOST_PERCENT, MOST_MB = 2.0, 35.0
-MOST_LATER_MS = 0.2  # of the p99 of a tick, by a visitor who takes history, or tabs that read nothing
-TABS, MOST_GROWN_MB = 50, 5.0  # of the page process, by so many tabs that read nothing
+MOST_LATER_MS = 0.2  # growth of a tick's p99 by a visitor who requests history, or by tabs that do not read
+TABS, MOST_GROWN_MB = 50, 5.0  # tabs that do not read, and the growth of the page process by them
 MOST_PICTURE_MS, MOST_KEY_MS, MOST_FRAME_MS = 500.0, 60.0, 8.0
 STARTS_S = 120.0
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """The cost of viewers, of a visitor who takes history, and what a browser waits for."""
+    """Return the cost of viewers, of a visitor who requests history, and the waiting times of a browser."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the page", "it speaks to a service through a socket of Unix")]
     with ExitStack() as open_things:
@@ -52,7 +52,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
 
 
 async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
-    """Processor time and memory of the page process without and with viewers, in turn."""
+    """Return processor time and memory of the page process without and with viewers, in turn."""
     quiet, with_viewers = [], []
     for _ in range(rounds):
         quiet.append(await _share(page, seconds))
@@ -75,7 +75,7 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
 
 
 async def _history(service: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
-    """How late a tick begins in the service while a visitor of the page takes the last 60 s twice a second."""
+    """Return the delay of ticks in the service while a visitor of the page requests the last 60 s twice a second."""
     first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
     plain, with_history = [], []
     await asyncio.sleep(0.5 if rounds == 1 else 10.0)  # the ring of the page fills
@@ -98,7 +98,7 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
 
 
 async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
-    """Memory of the page process, and how late a tick begins, while tabs read nothing."""
+    """Return the memory of the page process, and the delay of ticks, while tabs do not read."""
     first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
     plain, stalled, growth_mb, visitors = [], [], [], 0
     for _ in range(rounds):
@@ -123,7 +123,7 @@ async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: 
 
 
 def _browser(smallest: bool) -> list[Bench | LeftOut]:
-    """First picture, key to command and the cost of a drawing, in Chromium without a window."""
+    """Return first picture, key to command and the cost of a drawing, in Chromium without a window."""
     from tests.web.chromium import CHROMIUM, Chromium
 
     if CHROMIUM is None:
@@ -168,7 +168,7 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
 
 
 def _drive(tab: Any) -> None:
-    """Take the wheel and drive by hand, again where a busy machine has lost it."""
+    """Take control and drive by hand, again if a slow machine has lost it."""
     end = time.monotonic() + STARTS_S
     while not tab.js("baqueano.page.state.state === 'MANUAL' && baqueano.page.record.length > 20"):
         assert time.monotonic() < end, tab.js("baqueano.page.state.sentence")
@@ -202,7 +202,7 @@ def _key_to_command(tab: Any, guest: "_Guest") -> float:
 
 
 class _Guest:
-    """A guest of the service, who drives it and looks at its ticks; `begin` with an experiment that does not end."""
+    """A client of the service that drives it and reads its ticks; `begin` starts an experiment of an hour."""
 
     def __init__(self, door: Path, begin: bool = True) -> None:
         self._begin = begin
@@ -226,23 +226,23 @@ class _Guest:
             self._line.close()
 
     def say(self, do: str, **words: object) -> None:
-        """Send a word."""
+        """Send a request."""
         self._line.sendall(json.dumps({"do": do, **words}).encode() + b"\n")
 
     def late_ms(self, seconds: float) -> list[float]:
-        """Return how late each tick of the next seconds began."""
+        """Return the delay of each tick of the next seconds [ms]."""
         end, times_ms = time.monotonic() + seconds, []
         for rows in self._frames(end):
             times_ms += [row[self._at["late_ms"]] for row in rows]
         return times_ms
 
     def offset_s(self, seconds: float) -> float:
-        """Return the time of the wall at 0 s of the drive: that of the frame that came soonest."""
+        """Return the time of the monotonic clock at 0 s of the drive, by the frame with the shortest delay."""
         end = time.monotonic() + seconds
         return min(time.monotonic() - rows[-1][self._at["t"]] for rows in self._frames(end))
 
     def first_s(self, column: str, true: Any) -> float:
-        """Return the time of the drive of the next tick for which this is true of a column."""
+        """Return the time in the drive of the next tick at which a column fulfils the condition."""
         for rows in self._frames(time.monotonic() + STARTS_S):
             for row in rows:
                 if true(row[self._at[column]]):
@@ -267,7 +267,7 @@ class _Guest:
 
 @contextmanager
 def _service(folder: Path) -> Iterator[tuple[int, Path]]:
-    """The service of a simulated vehicle; its process, and its socket."""
+    """Run the service of a simulated vehicle; yield its process and its socket."""
     door = folder / "door"
     words = ["-m", "baqueano.door.simulated", "small", "--socket", str(door), "--runs", str(folder / "runs")]
     program = subprocess.Popen([sys.executable, *words, "--routes", str(folder)])
@@ -285,7 +285,7 @@ def _service(folder: Path) -> Iterator[tuple[int, Path]]:
 
 @contextmanager
 def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
-    """The page process of that service; its process, and its port."""
+    """Run the page process of that service; yield its process and its port."""
     words = ["-m", "baqueano", "serve", "--vehicle", "small", "--robot", str(door), "--no-browser"]
     command = [sys.executable, *words, "--runs", str(folder / "runs")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
@@ -299,7 +299,7 @@ def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
 
 @asynccontextmanager
 async def _connect_guests(port: int, number: int) -> Any:
-    """Browsers that say hello, as many of them as are let in."""
+    """Connect browsers that send hello, as many of them as are admitted."""
     from websockets.asyncio.client import connect
     from websockets.exceptions import InvalidStatus
 
@@ -322,7 +322,7 @@ async def _connect_guests(port: int, number: int) -> Any:
 
 @asynccontextmanager
 async def _looking(port: int, number: int) -> Any:
-    """Browsers that read what comes."""
+    """Connect browsers that read all messages."""
     async with _connect_guests(port, number) as lines:
         reading = [asyncio.create_task(_read_all(line)) for line in lines]
         await asyncio.sleep(1.0)  # hello, history and list of runs are done with
@@ -352,6 +352,6 @@ async def _share(process: int, seconds: float) -> float:
 
 
 def _used_s(process: int) -> float:
-    """Return the processor time of all threads of a process until now."""
+    """Return the processor time of all threads of a process until now [s]."""
     tasks = Path(f"/proc/{process}/task").glob("*/schedstat")
     return 1e-9 * sum(float(task.read_text().split()[0]) for task in tasks)

@@ -1,4 +1,4 @@
-"""The paper's case study I as a job for all benches: blocks, signal, noise."""
+"""Provide the paper's case study I for all benches: blocks, signal, noise."""
 
 import numpy as np
 
@@ -11,19 +11,19 @@ RATE_HZ = 100.0
 
 
 def vehicle() -> Planar:
-    """The dynamic model of the paper with the numbers of its case study I."""
+    """Return the dynamic model of the paper with the numbers of its case study I."""
     theta, m, I = peers.parameters()
     return Planar(m, I, theta[6:].reshape(3, 3), friction=Friction(theta[:3], theta[3:6]))
 
 
 def sensors():
-    """The paper's IMU, with the noise that errata.md assumes."""
+    """Return the paper's IMU, with the noise that errata.md assumes."""
     imu = Imu("paper", accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
     return sensor_slots(("imu",))(imu)
 
 
 def signal(duration_s: float, sideways: float = 0.0) -> np.ndarray:
-    """(N, 3) random steps held 1 s: u_x ± 20, u_y ± `sideways`, u_ψ ± 60."""
+    """Return random steps (N, 3) held 1 s: u_x ± 20, u_y ± `sideways`, u_ψ ± 60."""
     rng = np.random.default_rng(7)
     steps = rng.uniform(-1.0, 1.0, (int(np.ceil(duration_s)), 3)) * [20.0, sideways, 60.0]
     return np.repeat(steps, round(RATE_HZ), axis=0)[: round(duration_s * RATE_HZ)]

@@ -1,8 +1,8 @@
-"""What people write today: the paper's equations in NumPy and a Python loop. Nothing of ours is used here.
+"""Implement the paper's equations in NumPy and a Python loop, as is usual, without any of our code.
 
-    M ν̇ = T u − C(ν)ν − D(ν)ν,   η̇ = J(ψ) ν,   RK4 at a fixed step                                        (1)
+    M ν̇ = T u − C(ν)ν − D(ν)ν,   η̇ = J(ψ) ν,   RK4 at a fixed step                                      (1)
 
-Written as a careful student would: small matrices, no trick, no waste that is not natural.
+It is written as a careful student would: small matrices, without tricks and without needless waste.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ DT = 0.01
 
 
 def parameters():
-    """θ (15,) of case study I: d_l, d_c, T by rows; mass and inertia."""
+    """Return θ (15,) of case study I: d_l, d_c, T by rows; mass and inertia."""
     return np.array([7.0, 7.0, 500.553, 3.5, 3.5, 250.0, 1, 0, 0, 0, 1, 0, 0, 0, 29.99]), 1.47, 810.44
 
 
 def right_hand_side(x, u, theta, m, I):
-    """ẋ (6,) of x = (η, ν).  (1)"""
+    """Return ẋ (6,) of x = (η, ν).  (1)"""
     psi, nu = x[2], x[3:]
     J = np.array([[np.cos(psi), -np.sin(psi), 0.0], [np.sin(psi), np.cos(psi), 0.0], [0.0, 0.0, 1.0]])
     C = np.array([[0.0, 0.0, -m * nu[1]], [0.0, 0.0, m * nu[0]], [0.0, 0.0, 0.0]])
@@ -27,7 +27,7 @@ def right_hand_side(x, u, theta, m, I):
 
 
 def simulate(u, theta, m, I):
-    """(N, 6) states at the ends of N ticks, from rest."""
+    """Return the states (N, 6) at the ends of N ticks, from rest."""
     x = np.zeros(6)
     out = np.empty((len(u), 6))
     for k, uk in enumerate(u):
@@ -41,7 +41,7 @@ def simulate(u, theta, m, I):
 
 
 def measurements(u, theta, m, I):
-    """(N, 3) what the paper's IMU would show: ν̇_x, ν̇_y, ν_ψ."""
+    """Return the readings (N, 3) of the paper's IMU: ν̇_x, ν̇_y, ν_ψ."""
     x = simulate(u, theta, m, I)
     out = np.empty((len(u), 3))
     for k, uk in enumerate(u):
@@ -51,7 +51,7 @@ def measurements(u, theta, m, I):
 
 
 def simulate_many(u, theta, m, I):
-    """(L, 6) final states of L vehicles, θ (L, 15): the same equations, vectorised over the vehicles."""
+    """Return the final states (L, 6) of L vehicles, θ (L, 15): the same equations, vectorised over the vehicles."""
 
     def f(x, uk):
         c, s, nu = np.cos(x[2]), np.sin(x[2]), x[3:]
@@ -81,7 +81,7 @@ def simulate_many(u, theta, m, I):
 
 
 def filtered(u, z, theta, m, I, Q, R, P0):
-    """(N, 6) velocities and accelerations of the paper's EKF in filterpy, the paper's Jacobian in NumPy."""
+    """Return velocities and accelerations (N, 6) of the paper's EKF in filterpy, with the paper's Jacobian in NumPy."""
     from filterpy.kalman import ExtendedKalmanFilter
 
     T, mass = theta[6:].reshape(3, 3), np.array([m, m, I])
@@ -115,7 +115,7 @@ def filtered(u, z, theta, m, I, Q, R, P0):
 
 
 def drive_loop(gains, route_t, route_eta, limit, theta, m, I, ticks, weight, huber):
-    """The paper's cost of a drive with its PD, and the loop that gives it."""
+    """Return the paper's cost of a drive with its PD, in a loop."""
     x, u, last, cost = np.zeros(6), np.zeros(3), None, 0.0
     for k in range(ticks):
         k1 = right_hand_side(x, u, theta, m, I)
@@ -136,7 +136,7 @@ def drive_loop(gains, route_t, route_eta, limit, theta, m, I, ticks, weight, hub
 
 
 def driven_many(gains, start, route_t, route_eta, limit, theta, m, I, ticks, weight, huber):
-    """The same (L,) for L sets of gains (L, 3) from the pose `start`, vectorised over the drives."""
+    """Return the cost (L,) for L sets of gains (L, 3) from the pose `start`, vectorised over the drives."""
     T, mass, (k_x, k_psi, k_rate) = theta[6:].reshape(3, 3), np.array([m, m, I])[:, None], gains.T
 
     def f(x, u):

@@ -1,4 +1,4 @@
-"""Other processes as the system sees them, and what several measurements come to."""
+"""Read figures of other processes from the system, and summarise repeated measurements."""
 
 import os
 import re
@@ -10,7 +10,7 @@ SESSION = Path("/proc/self/autogroup")
 
 
 def resident_mb(process: int, most: bool = False) -> float:
-    """Return the resident memory of a process [MB], or the most that it had since `forget_most`."""
+    """Return the resident memory of a process [MB], or its maximum since `forget_most`."""
     text = Path(f"/proc/{process}/status").read_text()
     match = re.search(rf"{'VmHWM' if most else 'VmRSS'}:\s+(\d+)", text)
     assert match is not None
@@ -18,13 +18,12 @@ def resident_mb(process: int, most: bool = False) -> float:
 
 
 def forget_most(process: int) -> None:
-    """Let the most of `resident_mb` begin at what it is now."""
+    """Reset the maximum of `resident_mb` to the present value."""
     Path(f"/proc/{process}/clear_refs").write_text("5")
 
 
 def first_of_all(process: int) -> bool:
-    """Let the main thread of a process run before all others, and all that this process starts after it; False where
-    that is not allowed."""
+    """Run the main thread of a process, and all that it starts later, before others; return False if not allowed."""
     try:
         os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(50))
     except (OSError, AttributeError):
@@ -34,8 +33,10 @@ def first_of_all(process: int) -> bool:
 
 @contextmanager
 def before_others() -> Iterator[str]:
-    """Let this process and those that it starts come before what else the machine does; whether that is allowed, in
-    words. Linux shares first between sessions, then in each."""
+    """Give this process and those that it starts priority over other work; yield in words if that is allowed.
+
+    Linux shares first between sessions, then in each.
+    """
     try:
         nice = os.getpriority(os.PRIO_PROCESS, 0)
         os.setpriority(os.PRIO_PROCESS, 0, -20)
@@ -52,7 +53,7 @@ def before_others() -> Iterator[str]:
 
 
 def p99(values: Sequence[float]) -> float:
-    """Return what one of a hundred exceeds."""
+    """Return the value that one of a hundred exceeds."""
     return quantile(values, 0.99)
 
 
@@ -63,5 +64,5 @@ def quantile(values: Sequence[float], q: float) -> float:
 
 
 def spread(values: Sequence[float]) -> str:
-    """Return the least and the largest in words."""
+    """Return the least and the largest value as text."""
     return f"{min(values):.3g} to {max(values):.3g}"

@@ -1,10 +1,9 @@
-"""The recommended filter: ten minutes of log in one run, a tick on line, how long it takes to compile, and a whole
-tick of a drive: all blocks, health and log, with a simulated vehicle in place of wires, estimated for a Pi 3 as
-onboard.py does.
+"""Measure the recommended filter: ten minutes of log in one run, a tick on line, compilation, and a drive's tick.
 
-The peers estimate 13 of its 15 states, without course and bend, by the same g and h (augmented_peer.py) and Kalman's
-own gain; ours has rest, gate and the choice of what corrects in addition. That both are the same filter says
-tests/estimators, by the core that they share; here the yaw rates must agree within AGREE.
+The tick of a drive includes all blocks, health and log, with a simulated vehicle in place of wires. It is estimated for
+a Pi 3 as in onboard.py. The peers estimate 13 of its 15 states, without course and bend, by the same g and h
+(augmented_peer.py) and Kalman's gain. Ours also has rest, gate and the choice of correcting sensors. tests/estimators
+checks that both are the same filter in their common core; here the yaw rates must agree within AGREE.
 """
 
 import os
@@ -39,7 +38,7 @@ EXAMPLE = Tick(1, np.zeros(3), SLOTS(Slot(0.0, np.zeros(3))))
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """A log, a tick, a compiler."""
+    """Return the benches of a log, a tick, the compilation and a drive."""
     block, n = _filter(), 200 if smallest else 60_000
     log = _log(block, n)
     few = _of_a_tick(block, *log), _of_compiling(smallest), _of_a_drive(1.0 if smallest else 20.0)
@@ -51,10 +50,12 @@ def _filter() -> AugmentedEkf:
 
 
 def _log(block: AugmentedEkf, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Commands (n, 3) and readings (n, 3) of the matched model."""
+    """Return commands (n, 3) and readings (n, 3) of the matched model."""
     rng = np.random.default_rng(3)
     u = np.repeat(rng.uniform([0.3, 0.0, -0.5], [0.9, 0.0, 0.5], (-(-n // 50), 3)), 50, axis=0)[:n]
-    noise = np.array([*IMU.accel_noise_std, IMU.gyro_noise_std, 0.0])  # and of a speed that no peer reads
+    noise = np.array(
+        [*IMU.accel_noise_std, IMU.gyro_noise_std, 0.0]
+    )  # last: the odometer, which no peer uses
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
     assumed = matched.AssumedNoise(
         start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s,
@@ -115,7 +116,7 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
 
 
 def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
-    """One tick at a time, through `step` of the contract."""
+    """Return the bench of one tick at a time, through `step` of the contract."""
 
     def online(estimator):
         state = [estimator.init(), 0]
@@ -151,7 +152,7 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
 
 
 def _of_compiling(smallest: bool) -> Bench:
-    """In processes of their own, with an empty cache; the gradient is by the noise of the filter."""
+    """Return the bench in separate processes with an empty cache; the gradient is by the noise of the filter."""
     rows = []
     for name, most in MOST_S.items():
         compile_times = []
@@ -169,7 +170,7 @@ def _of_compiling(smallest: bool) -> Bench:
 
 @dataclass
 class Stopwatch(Observer):
-    """The time of this thread [s] at each tick."""
+    """The processor time of this thread [s] at each tick."""
 
     marks: list[float]
 
@@ -178,7 +179,7 @@ class Stopwatch(Observer):
 
 
 def _of_a_drive(seconds: float) -> Bench:
-    """The median of its ticks, of the second of two drives."""
+    """Return the bench of a drive: the median tick of the second of two drives."""
     with tempfile.TemporaryDirectory() as folder:
         for name in ("first.mcap", "second.mcap"):
             marks: list[float] = []
@@ -197,7 +198,7 @@ def _of_a_drive(seconds: float) -> Bench:
 
 
 def _compile(name: str) -> float:
-    """Seconds until the first result."""
+    """Return the seconds until the first result."""
     block, start_s = _filter(), time.perf_counter()
     if name == "compiled on an empty cache":
         compiled_block = compiled(block)

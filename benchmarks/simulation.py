@@ -1,4 +1,4 @@
-"""60 s at 100 Hz: one kernel against a NumPy loop, and against the same blocks without a compiler."""
+"""Simulate 60 s at 100 Hz: one kernel against a NumPy loop, and against the same blocks without a compiler."""
 
 from types import SimpleNamespace
 
@@ -11,13 +11,13 @@ from benchmarks.harness import Bench, Case, measured
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """The vehicle alone; the vehicle with process noise and an IMU, as a run."""
+    """Return the benches of the vehicle alone, and of a run with process noise and an IMU."""
     u = paper.signal(2.0 if smallest else 60.0)
     return [vehicle_alone(u), whole_run(u)]
 
 
 def vehicle_alone(u: np.ndarray) -> Bench:
-    """The trajectory of the paper's model, every tick returned."""
+    """Return the bench of the trajectory of the paper's model, with every tick as output."""
     vehicle = paper.vehicle()
     zero = np.zeros(3)
 
@@ -42,7 +42,7 @@ def vehicle_alone(u: np.ndarray) -> Bench:
 
 
 def whole_run(u: np.ndarray) -> Bench:
-    """simulate(): process noise and an IMU, the noise drawn, a Run made of it."""
+    """Return the bench of simulate(): process noise and an IMU, with drawn noise and a Run as result."""
     vehicle = paper.vehicle()
     file = SimpleNamespace(
         envelope=None,

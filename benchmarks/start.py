@@ -1,4 +1,4 @@
-"""How long the command line takes to say its first word, over Python that does nothing."""
+"""Measure the start of the command line, compared with a Python that does nothing."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ MOST_MS = 100.0  # of --help, over bare Python
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """`baqueano --help` and what it imports, less bare Python."""
+    """Return the time of `baqueano --help` and of its imports, minus bare Python."""
     commands = {
         "bare Python": ["-c", "pass"],
         "import baqueano": ["-c", "import baqueano"],

@@ -1,8 +1,8 @@
-"""The three gains of the paper's PD over a drive of 60 s: exact gradients against what needs none.
+"""Tune the three gains of the paper's PD over a drive of 60 s: exact gradients against methods without gradients.
 
-One peer is differential evolution with 200 times the evaluations: our cost is at most 1 % above its cost. The other
-is Nelder-Mead over a NumPy loop. It takes a minute or more, so one evaluation of it is measured and
-multiplied by the evaluations that the same search needs on our cost, which is the same function (checked).
+One peer is differential evolution with 200 times the evaluations: our cost must be at most 1 % above its cost. The
+other is Nelder-Mead over a NumPy loop, which takes a minute or more. One evaluation of it is measured, and multiplied
+by the evaluations that the same search needs on our cost. That cost is the same function (checked).
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ ROUTE = sinuous_circle(2.0, 0.2, 6, 0.25)
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """Time, and the cost that is reached."""
+    """Return the times, and the costs that are reached."""
     duration_s = 2.0 if smallest else 60.0
     from scipy.optimize import minimize
 
@@ -67,7 +67,7 @@ def benches(smallest: bool) -> list[Bench]:
 
 
 def evolution(rehearsal, bounds, evaluations):
-    """Differential evolution over as many evaluations, a generation at a time in lanes."""
+    """Run differential evolution over this number of evaluations, a generation at a time in lanes."""
     from scipy.optimize import differential_evolution
 
     members = POPULATION * len(bounds)
@@ -78,5 +78,5 @@ def evolution(rehearsal, bounds, evaluations):
 
 
 def by_baqueano(file, duration_s, bounds=None):
-    """The gains of the least cost of the paper, within the bounds of the peers."""
+    """Return our tuning with the paper's cost, within the bounds of the peers."""
     return tune(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0, bounds=bounds)

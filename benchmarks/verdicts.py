@@ -1,12 +1,12 @@
-"""Count how often the sentence about a filter's consistency is wrong, and how often it speaks. Cases with known truth.
+"""Count how often the verdict on a filter's consistency is wrong, and how often it is given. The truth is known.
 
-    python -m benchmarks.verdicts --drives 720   (--smallest: that it runs)
+    python -m benchmarks.verdicts --drives 720      (--smallest: that it runs)
 
-The model of matched.py with all its variances κ times those that the recommended filter believes in, κ of 1/4 to 4:
-its errors are √κ times what it says. "Too sure" is right of κ > 1, "too cautious" of κ < 1, "consistent" of κ = 1, and
-"cannot tell" is never wrong. Once with sensors whose biases and scales are known, once with those that the filter
-considers: they are one draw for a whole drive, however long it is. Each drive lasts 10 to 60 s, every other one is
-judged by its innovations alone, as one without a camera. Who has 100 independent samples could speak.
+The model of matched.py has all its variances κ times those that the recommended filter assumes, κ of 1/4 to 4: its
+errors are √κ times the reported ones. "Too sure" is right for κ > 1, "too cautious" for κ < 1, "consistent" for κ = 1,
+and "cannot tell" is never wrong. Once with sensors whose biases and scales are known, once with those that the filter
+models: they are drawn once for a whole drive of any length. Each drive lasts 10 to 60 s. Every other one is judged only
+by its innovations, as without a camera. A drive with 100 independent samples should get a verdict.
 """
 
 import argparse
@@ -31,9 +31,9 @@ RIGHT = {"too sure": lambda k: k > 1.0, "too cautious": lambda k: k < 1.0, "cons
 
 
 class JudgedDrive(NamedTuple):
-    """Verdict on one drive."""
+    """The verdict on one drive."""
 
-    kappa: float  # true variances over those that the filter believes in
+    kappa: float  # true variances over those that the filter assumes
     verdict: str
     samples: float  # independent ones of the best known figure
 
@@ -41,7 +41,7 @@ class JudgedDrive(NamedTuple):
 def logged(
     kernel: object, simulated_drives: matched.Drives, k: int, use: tuple[str, ...], ticks: int, truth: bool
 ) -> Run:
-    """Return the first `ticks` of drive `k` as a run with an estimate, and with its truth if asked for."""
+    """Return the first `ticks` of drive `k` as a run with an estimate, and with its truth if `truth`."""
     ticks_of_run = limit.ticks_of(simulated_drives, k, use)
     eta, nu, cov, y, S = (np.asarray(output)[:ticks] for output in kernel.run(ticks_of_run)[1])  # type: ignore[attr-defined]
     x, t_ns = simulated_drives.x[:ticks, k], np.asarray(ticks_of_run.t_ns)[:ticks]
@@ -58,7 +58,7 @@ def logged(
 
 
 def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
-    """Return the verdicts on drives with an IMU alone, and with both sensors."""
+    """Return the verdicts on drives with only an IMU, and with both sensors."""
     out, rng = [], np.random.default_rng(0)
     for use in (limit.IMU_ALONE, limit.BOTH):
         sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
@@ -83,7 +83,7 @@ def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -
 
 
 def main() -> int:
-    """Print the shares; 1 if a bar is missed."""
+    """Print the shares; return 1 if a limit is missed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.verdicts", description=__doc__)
     parser.add_argument("--drives", type=int, default=720)
     parser.add_argument("--smallest", action="store_true", help="a size that shows in seconds that it runs")

@@ -1,4 +1,4 @@
-"""A round robot with three omni wheels, 120° apart: it drives to any side and turns meanwhile.
+"""Model a round robot with three omni wheels, 120° apart: it drives to any side and turns at the same time.
 
 rim speed  w_i = −sin a_i ν_x + cos a_i ν_y + R ν_ψ,   a = 60°, 180°, 300°;   F_i = k u_i − d w_i − c tanh(w_i/0.05)
 ν̇_x = −Σ sin a_i F_i / m + ν_ψ ν_y,   ν̇_y = Σ cos a_i F_i / m − ν_ψ ν_x,   ν̇_ψ = R Σ F_i / I
@@ -37,7 +37,7 @@ class OmniRobot(FromAcceleration):
     )  # fmt: skip
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """ν̇ (3,)."""
+        """Return ν̇ (3,)."""
         w = nu[:2] @ SIDE + self.radius_m * nu[2]
         F = self.push * effort - self.drag * w - self.rollers * np.tanh(w / 0.05)
         a = SIDE @ F / self.mass_kg + nu[2] * np.array([nu[1], -nu[0]])

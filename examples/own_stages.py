@@ -1,4 +1,4 @@
-"""A residual and a solver of one's own, in the place of those of `identify`.
+"""Replace the residual and the solver of `identify` by own ones.
 
 identify(run, file, residuals=Compressed, solver=by_scipy)
 """
@@ -8,11 +8,11 @@ from scipy.optimize import minimize
 
 from baqueano.identify import Residuals, solution_at
 
-SHOCK = 0.3  # m/s² or rad/s: larger errors count like their logarithm
+SHOCK = 0.3  # m/s² or rad/s: larger errors count as their logarithm
 
 
 class Compressed(Residuals):
-    """r = k asinh((z − h)/k): a wheel that hits the edge of a tile counts little."""
+    """A residual r = k asinh((z − h)/k): a wheel that hits the edge of a tile has little weight."""
 
     @staticmethod
     def difference(sensor, z, h):
@@ -22,7 +22,7 @@ class Compressed(Residuals):
 
 
 def by_scipy(evaluate, theta, low, high, *, fixed, tolerance, most, damping):
-    """SciPy's L-BFGS-B with the exact gradient, each entry of θ (p,) in units of its own curvature."""
+    """Minimise with SciPy's L-BFGS-B and the exact gradient; each entry of θ (p,) is in units of its curvature."""
     moving = np.ones(len(theta), bool) if fixed is None else ~fixed
     start, unit = evaluate(theta), np.ones(len(theta))
     unit[moving] = 1.0 / np.sqrt(np.maximum(np.diagonal(np.asarray(start.hessian))[moving], 1e-12))

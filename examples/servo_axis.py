@@ -1,4 +1,4 @@
-"""A carriage on a rail, pulled by a belt and a motor: one degree of freedom, volts in, dry friction.
+"""Model a carriage on a rail, pulled by a belt and a motor: one degree of freedom, volts in, dry friction.
 
 v̇ = k u − d v − c tanh(v/0.003)
 """
@@ -14,7 +14,7 @@ from baqueano.vehicles import FromAcceleration
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ServoAxis(FromAcceleration):
-    """A servo axis: u = (volts,), all per kilogram of what moves."""
+    """A servo axis: u = (volts,), all per kilogram of the moving mass."""
 
     commands: ClassVar[int] = 1
     axes: ClassVar[tuple[int, ...]] = (0,)
@@ -33,6 +33,6 @@ class ServoAxis(FromAcceleration):
     )  # fmt: skip
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """ν̇ (3,)."""
+        """Return ν̇ (3,)."""
         v = nu[0]
         return np.array([self.gain * effort[0] - self.damping * v - self.rail * np.tanh(v / 0.003), 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""python -m baqueano."""
+"""Run the command line as `python -m baqueano`."""
 
 from baqueano.cli import main
 

@@ -1,9 +1,9 @@
-"""`kind` in the vehicle file → block: one of ours by its short name, or one of yours as "file.py:Class".
+"""Find the block of a `kind` in the vehicle file: one of ours by its short name, or one of yours as "file.py:Class".
 
-Text that a vehicle file or a run names is executed where it stands beside that file, or where the user named it; from
-elsewhere only where the user allows it, as it runs with all rights of the user.
+Code that a vehicle file or a run names is executed if it is in the same folder, or if the user named it. Code from
+elsewhere is executed only if the user allows it, as it runs with all rights of the user.
 
-What the six rooms promise each other is checked by block_checks, for the author of a block.
+block_checks checks the contracts of the six rooms, for the author of a block.
 """
 
 import importlib
@@ -65,9 +65,9 @@ ROOMS: dict[str, dict[str, str]] = {
 }
 
 LOOP = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
-OWN_FILE = "vehicle.toml"  # of the project in which the user stands
+OWN_FILE = "vehicle.toml"  # of the project in the working directory
 _trusted_files: set[Path] = set()  # files of blocks that the user named or allowed in this process
-_allowing = [False]  # whether the user allows text that files of others name
+_allowing = [False]  # True if the user allows code that files of others name
 _modules: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
 
 
@@ -82,7 +82,7 @@ def kinds(room: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        What `kind` of a vehicle file may be.
+        The possible values of `kind` in a vehicle file.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     kind : str
         A short name of ours, or "file.py:Class".
     folder : path, optional
-        Where a relative file is searched for first, then in the working directory.
+        Folder to search first for a relative file; the working directory is the second.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     Raises
     ------
     FileError
-        Where it does not exist, with the nearest names.
+        If it does not exist, with the nearest names.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
 
 @contextmanager
 def allowed(allow: bool = True) -> Iterator[None]:
-    """Execute, inside, the text of blocks that vehicle files and runs of others name, where `allow` is true."""
+    """Permit, within the context, the code of blocks from vehicle files and runs of others, if `allow` is true."""
     before = _allowing[0]
     _allowing[0] = before or allow
     try:
@@ -150,8 +150,10 @@ def allowed(allow: bool = True) -> Iterator[None]:
 
 
 def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> type:
-    """The class behind `kind`, as a vehicle file in `folder` names it, or with `folder` None a run. FileError for text
-    that stands elsewhere, unless the user named it or allows it; for a path out of a run always."""
+    """Return the class of a `kind` that a vehicle file in `folder` names, or, if `folder` is None, a run.
+
+    FileError for code elsewhere, unless the user named it or allows it; for such a path in a run always.
+    """
     file = kind if kind.endswith(".py") else kind.rpartition(":")[0]
     path = _path_of(file, folder) if file.endswith(".py") else None
     if path is None:
@@ -180,7 +182,7 @@ def _leads_away(file: Path) -> bool:
 
 
 def _is_in_own_file(kind: str) -> bool:
-    """Return whether the vehicle file of the folder in which we stand names this block, too."""
+    """Return True if the vehicle file in the working directory also names this block."""
     try:
         tables = list(tomllib.loads(Path(OWN_FILE).read_text(encoding="utf-8")).values())
     except (OSError, ValueError, RecursionError):
@@ -190,7 +192,7 @@ def _is_in_own_file(kind: str) -> bool:
 
 
 def room_of(kind: type) -> str:
-    """Return the room that a class of the user fits, by the arguments of its `step`."""
+    """Return the room that a class of the user fits, by the arguments of its `step`. FileError if none fits."""
     step = getattr(kind, "step", None)
     if step is None:
         raise FileError(fault("block.no-step", place=place_of(kind), block=kind.__name__))
@@ -211,14 +213,16 @@ def room_of(kind: type) -> str:
 
 
 def check_room(room: str, block: object) -> None:
-    """Raise UsageError where a class or block of the user's cannot stand in `room`: one without init and step, or with
-    those of another room."""
+    """Raise UsageError if a class or block of the user does not fit `room`.
+
+    It lacks init or step, or has those of another room.
+    """
     kind = block if isinstance(block, type) else type(block)
     if not all(callable(getattr(kind, verb, None)) for verb in ("init", "step")):
         raise UsageError(fault("block.not-a-block", room=room, found=kind.__name__))
     try:
         right_room = room_of(kind)
-    except FileError:  # its own names for the inputs of step
+    except FileError:  # the inputs of its step have other names
         return
     if right_room != room and right_room in LOOP:
         fix = f"{right_room}={kind.__name__}"
@@ -236,7 +240,7 @@ def _find(file: str, folder: Path | str | None) -> Path:
 
 
 def _path_of(file: str, folder: Path | str | None) -> Path | None:
-    """The file, where it is looked for; None if it does not exist."""
+    """Return the file, if it exists in one of the folders to search; else None."""
     places = _places(Path(file).expanduser(), folder)
     return next((place.resolve() for place in places if place.is_file()), None)
 
@@ -250,12 +254,12 @@ def _own(module: ModuleType) -> list[str]:
 
 
 def read(file: str, folder: Path | str | None = None) -> ModuleType:
-    """Return a user's file, run once for each of its contents; FileError, with its line, where it raises anything."""
+    """Return a user's file as a module, run once for each content; FileError, with its line, if it raises anything."""
     return _module(_find(file, folder))
 
 
 def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
-    """Return what to write in place of a "file.py" without its class; FileError for anything else."""
+    """Return a suggestion for a "file.py" without its class; FileError if the file cannot be read."""
     own = [f"{file}:{name}" for name in _own(read(file, folder))]
     return note("block.classes", file=file, classes=own) if own else note("block.no-classes", file=file)
 
@@ -273,7 +277,7 @@ def _class_of(path: Path, name: str) -> type:
 
 
 def _module(path: Path) -> ModuleType:
-    import hashlib  # it loads OpenSSL, for which a robot with our blocks does not wait
+    import hashlib  # it loads OpenSSL, which a robot without own blocks does not need
 
     content = path.read_bytes()
     key = (str(path), hashlib.sha256(content).hexdigest())
@@ -285,7 +289,7 @@ def _module(path: Path) -> ModuleType:
         raise FileError(fault("block.not-module", path=path))
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    sys.path.append(str(path.parent))  # so that it may import what lies beside it
+    sys.path.append(str(path.parent))  # so that it may import modules beside it
     try:
         exec(compile(content, str(path), "exec"), module.__dict__)
     except SyntaxError as error:

@@ -1,6 +1,6 @@
-"""Sources of time: a simulation, the wall, or a run. Each clock yields t_ns, integers that only grow.
+"""Provide sources of time: a simulation, real time, or a run. Each clock yields strictly increasing integers t_ns.
 
-A tick that was missed is skipped, never made up for: the next one comes on the grid, and `missed` counts.
+A missed tick is skipped, never repeated: the next one comes on the grid, and `missed` counts.
 """
 
 import time
@@ -20,7 +20,7 @@ def simulated(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
 
 @dataclass
 class Wall:
-    """Real time on a steady grid, in the nanoseconds of a monotonic clock: no leap when the date is set."""
+    """Real time on a steady grid, in the nanoseconds of a monotonic clock: without a jump when the date is set."""
 
     rate_hz: float
     duration_s: float | None = None
@@ -44,11 +44,11 @@ class Wall:
 
 
 def wall(rate_hz: float, duration_s: float | None = None) -> Wall:
-    """Real time, for a vehicle; for ever if `duration_s` is None."""
+    """Return a clock of real time, for a vehicle; endless if `duration_s` is None."""
     return Wall(rate_hz, duration_s)
 
 
 def of_run(ticks: Iterable[Tick]) -> Iterator[int]:
-    """The times of a run's own ticks."""
+    """Yield the times of a run's ticks."""
     for tick in ticks:
         yield tick.t_ns

@@ -1,7 +1,7 @@
-"""Diagnostics: messages as data, with code, severity, subject, figures, and a line to type.
+"""Define diagnostics: messages as data, with code, severity, subject, figures, and a line to type.
 
-Code decides by codes and figures alone. Its sentence is made once, where a person reads it (messages/), from the
-template of that code. Codes travel: to the laptop, into runs, into --json.
+Code decides only by codes and figures. The sentence is made once, for the reader (messages/), from the template of the
+code. Diagnostics are sent to the laptop, into runs, into --json.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any
 
 
 class Severity(StrEnum):
-    """Severity of a message. UNKNOWN cannot be seen on this machine."""
+    """The severity of a message. UNKNOWN means that this machine cannot check it."""
 
     OK = "ok"
     INFO = "info"
@@ -23,22 +23,22 @@ class Severity(StrEnum):
 
 
 class Verdict(StrEnum):
-    """Judgement of a result, and of the numbers that it gave a vehicle file."""
+    """The judgement of a result, and of the numbers that it wrote into a vehicle file."""
 
     USABLE = "USABLE"
     WARN = "WARN"
     REFUSED = "REFUSED"
     CANNOT_TELL = "CANNOT TELL"
     STOPPED = "STOPPED"
-    DONE = "DONE"  # where nothing is judged
+    DONE = "DONE"  # of a result without a judgement
     CONSISTENT = "CONSISTENT"
     INCONSISTENT = "INCONSISTENT"
     NOT_REPORTED = "NOT REPORTED"
-    GUESS = "GUESS"  # of numbers that nobody measured
+    GUESS = "GUESS"  # of numbers that were not measured
 
     @classmethod
     def of(cls, reasons: "Iterable[Diagnostic]") -> "Verdict":
-        """Return the gravest of `reasons` as a verdict: USABLE without an error, a warning or a doubt.
+        """Return the verdict of the most severe of `reasons`: USABLE without an error, a warning or an unknown one.
 
         >>> Verdict.of([note("gyro.unit", Severity.ERROR)])
         <Verdict.REFUSED: 'REFUSED'>
@@ -98,17 +98,17 @@ class StopReason(StrEnum):
     MISSION_UNFINISHED_AT = "service.mission-unfinished-at"  # the line of a block is known
     NOT_CHECKED = "service.not-checked"
     CHECKED_AGAIN = "service.checked-again"
-    RECORDED = "recorded.stop"  # of a run that holds no code: its words
+    RECORDED = "recorded.stop"  # of a run without a code: its words
 
 
-FORMER = (  # beginning of a code in older runs → that of today
+FORMER = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
 )  # fmt: skip
 
 
 def code_of_today(code: str) -> str:
-    """Return the code that a message of an older run has today.
+    """Return the present code of a message in an older run.
 
     >>> code_of_today("seen.tied"), code_of_today("sensor.agrees-again")
     ('identifiability.tied', 'sensor.agrees-again')
@@ -118,8 +118,10 @@ def code_of_today(code: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """A message as data. `figures` carry their unit in their name, and one may be another diagnostic,
-    the cause; `fix` is a line to type, or empty."""
+    """A message as data. The names of `figures` end with their unit, and a figure may be another diagnostic, the cause.
+
+    `fix` is a line to type, or empty.
+    """
 
     code: str
     severity: Severity = Severity.ERROR
@@ -131,7 +133,7 @@ class Diagnostic:
         return hash((self.code, self.severity, self.subject, self.fix, frozenset(self.figures.items())))
 
     def to_json(self) -> dict[str, object]:
-        """Return it for JSON; a figure that is not finite is null."""
+        """Return the diagnostic as JSON; a figure that is not finite becomes null."""
         figures = {name: _to_json(value) for name, value in self.figures.items()}
         return {
             "code": str(self.code), "severity": str(self.severity), "subject": self.subject, "figures": figures,
@@ -140,7 +142,7 @@ class Diagnostic:
 
     @classmethod
     def of_json(cls, words: Any) -> "Diagnostic":
-        """Return the inverse of `to_json`. ValueError for anything else."""
+        """Return the diagnostic of `to_json`, its inverse. ValueError for anything else."""
         try:
             texts = words["code"], words["subject"], words["fix"]
             figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in words["figures"].items()}
@@ -167,8 +169,9 @@ def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic
 def note(
     code: str, severity: Severity = Severity.INFO, fix: str = "", subject: str = "", **figures: object
 ) -> Diagnostic:
-    """Return a diagnostic; without a `subject` that is the first word of its code. Several names become one text, with
-    commas; NumPy's numbers become Python's.
+    """Return a diagnostic. The default of `subject` is the first word of its code.
+
+    Several names become one text, with commas; NumPy's numbers become Python's.
 
     >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
     'imu, wheels'
@@ -183,7 +186,7 @@ def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Dia
 
 
 def joined(messages: Iterable[Diagnostic]) -> Diagnostic | None:
-    """Return several messages as one, None of none."""
+    """Return several messages as one; None for an empty list."""
     first, *rest = (*messages, None)
     for then in rest[:-1]:
         first = fault("messages.then", first=first, then=then)
@@ -194,7 +197,7 @@ WEIGHTS = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN, Severity.INFO, Se
 
 
 def by_weight(messages: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the gravest first, those of one severity in their order.
+    """Return the messages, the most severe first, in stable order.
 
     >>> [one.code for one in by_weight([note("a"), note("b", Severity.WARNING)])]
     ['b', 'a']
@@ -202,7 +205,7 @@ def by_weight(messages: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(sorted(messages, key=lambda message: WEIGHTS.index(message.severity)))
 
 
-LISTED = 20  # names of those that are known
+LISTED = 20  # known names that are listed at most
 
 
 def _figure(value: object) -> "str | float | Diagnostic | None":
@@ -216,7 +219,7 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
-    """Return what a name that is unknown was meant to be, where one is near, and the names that are known."""
+    """Return a suggestion for an unknown name, if a known one is near, and the known names."""
     import difflib
 
     names = list(allowed)

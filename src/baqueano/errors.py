@@ -1,4 +1,4 @@
-"""Errors of baqueano, each one paragraph: the fault, the value, the expected value, and the next step.
+"""Define the errors of baqueano, each one paragraph: the fault, the value, the expected value, and the next step.
 
 The exit code of the command line is part of the error: 1 the answer is no, 2 usage, 3 bad file, 4 robot
 unreachable, 5 safety stop, 130 Ctrl-C.
@@ -16,9 +16,9 @@ USERS = "baqueano_user_"  # begins the name of a module that is a file of the us
 
 
 class DiagnosticError(Exception):
-    """An exception that is a diagnostic. Its text is for the reader.
+    """An exception that carries a diagnostic. Its text is for the reader.
 
-    `message`: a diagnostic, or a text of somebody else's. `about`: the diagnostic that it passes on.
+    `message`: a diagnostic, or a text from other code. `about`: the diagnostic that it passes on.
     """
 
     def __init__(self, message: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
@@ -28,65 +28,65 @@ class DiagnosticError(Exception):
 
     @property
     def diagnostic(self) -> Diagnostic:
-        """Return it as data; of a text the code is that of its kind."""
+        """Return the diagnostic; for a text its code is that of the error's class."""
         if self._about is not None:
             return self._about
         return Diagnostic(f"error.{type(self).__name__}", Severity.ERROR, "error", {"words": str(self)})
 
 
 class Invalid(DiagnosticError, ValueError):
-    """A number, name or shape that a block or a function of ours does not take."""
+    """A number, name or shape that a block or a function of ours does not accept."""
 
 
 class Misuse(DiagnosticError, TypeError):
-    """A call, or a type of argument, that a function of ours does not take."""
+    """A call, or a type of argument, that a function of ours does not accept."""
 
 
 class BaqueanoError(DiagnosticError):
-    """An end that was foreseen; the command line shows no traceback."""
+    """An expected error; the command line shows no traceback."""
 
     exit_code = 1
 
 
 class AnswerNo(BaqueanoError):
-    """All went well, and the answer is no."""
+    """The error of a task that ran without fault, with the answer no."""
 
     exit_code = 1
 
 
 class UsageError(BaqueanoError):
-    """A request that makes no sense."""
+    """A request that is not valid."""
 
     exit_code = 2
 
 
 class FileError(BaqueanoError):
-    """A file that cannot be used as it is."""
+    """A file that cannot be used."""
 
     exit_code = 3
 
 
 class RobotUnreachable(BaqueanoError):
-    """The robot does not answer."""
+    """The error of a robot that does not answer."""
 
     exit_code = 4
 
 
 class SafetyStop(BaqueanoError):
-    """The motors were stopped."""
+    """The error of motors that were stopped for safety."""
 
     exit_code = 5
 
 
 class FromOutside(BaseException):
-    """An exception that our own text raises inside a block, not by its fault: an alarm, the end of a drive by hand."""
+    """An exception that our code raises inside a block without its fault: an alarm, the end of a manual drive."""
 
 
 def from_outside(error: BaseException) -> bool:
-    """Return True for what interrupts a text from outside: FromOutside, or Ctrl-C.
+    """Return True for an interruption from outside: FromOutside, or Ctrl-C.
 
-    Ctrl-C comes between two instructions. A KeyboardInterrupt that a `raise` of the text made is the text's own, as
-    are SystemExit and GeneratorExit: a guard against faults of a block holds every error but those from outside.
+    Ctrl-C comes between two instructions. A KeyboardInterrupt from a `raise` in the code is the code's error, as are
+    SystemExit and GeneratorExit: a guard against faults of a block catches every error except those from outside.
     """
     if not isinstance(error, KeyboardInterrupt):
         return isinstance(error, FromOutside)
@@ -106,13 +106,13 @@ def named(error: BaseException) -> str:
     """Return the kind of an error and its text: "ZeroDivisionError: division by zero", "SystemExit"."""
     try:
         text = str(error)
-    except Exception:  # its __str__ is somebody's text, too
+    except Exception:  # its __str__ may be code of the user
         text = ""
     return f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
 def in_users_file(error: BaseException) -> str:
-    """Return "mine.py line 12", the last line of a file of the user's blocks on the way to an error; "" if none is.
+    """Return the last line of a file of the user's blocks in an error's traceback, "mine.py line 12"; "" without one.
 
     >>> in_users_file(ValueError("raised by nobody"))
     ''
@@ -127,6 +127,6 @@ def in_users_file(error: BaseException) -> str:
 def of_code(
     code: int, reason: Diagnostic | str, otherwise: type[BaqueanoError] = BaqueanoError
 ) -> BaqueanoError:
-    """The error that ended with this exit code at the other end of a line; `otherwise` where none of ours does."""
+    """Return the error of an exit code at the other end of a line; `otherwise` for a code without an error of ours."""
     kinds = (AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop)
     return {kind.exit_code: kind for kind in kinds}.get(code, otherwise)(reason)

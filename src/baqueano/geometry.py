@@ -1,4 +1,4 @@
-"""Angles and planar poses.
+"""Compute with angles and planar poses.
 
 J(ψ) = [cos ψ  −sin ψ  0;  sin ψ  cos ψ  0;  0  0  1]      body → map, Grotz et al. `equ:J`      (1)
 """
@@ -13,7 +13,7 @@ TAU = 2.0 * np.pi
 
 
 def wrap(angle: Value) -> Value:
-    """Return the angle brought to [−π, π).
+    """Return the angle wrapped to [−π, π).
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def map_from_body(psi: Value) -> np.ndarray:
 
 
 def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Return the reference as the body sees it: e = J(ψ)⁻¹ (η_ref − η), the difference of heading wrapped.
+    """Return the error of the pose in the body frame: e = J(ψ)⁻¹ (η_ref − η), the difference of heading wrapped.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
 
 
 def compose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
-    """Return pose b, given in the frame of pose a, as the map sees it: map_from_a ∘ a_from_b.
+    """Return pose b in the map, given in the frame of pose a: map_from_a ∘ a_from_b.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def compose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
 
 
 def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the rotation and the shift that bring points nearest to others in least squares, without scale.
+    """Return the rotation and the shift that move points onto others in least squares, without scale.
 
     Parameters
     ----------

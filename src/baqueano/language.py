@@ -1,7 +1,7 @@
-"""The language of messages, help and tables: `--lang`, BAQUEANO_LANG or the locale decide, in this order.
+"""Choose the language of messages, help and tables: by `--lang`, BAQUEANO_LANG or the locale, in this order.
 
-English stands in the code. Each other language is a gettext catalogue, locale/<language>/LC_MESSAGES/baqueano.mo,
-which `make catalogues` writes.
+The code contains English. Each other language is a gettext catalogue, locale/<language>/LC_MESSAGES/baqueano.mo, which
+`make catalogues` writes.
 """
 
 import gettext
@@ -20,21 +20,21 @@ CATALOGUES = Path(__file__).with_name("locale")
 Shown = TypeVar("Shown")
 _COMMA = str.maketrans({".": ",", ",": " "})
 _language = ""
-_reader: ContextVar[str] = ContextVar("reader", default="")  # the language of whom a text is made for
+_reader: ContextVar[str] = ContextVar("reader", default="")  # the language of the reader of a text
 
 
 def choose(language: str) -> None:
-    """Choose one of LANGUAGES for this process, for the help of its command line too; "" undoes it."""
+    """Choose one of LANGUAGES for this process, also for the help of its command line; "" undoes it."""
     global _language
     _language = language
     os.environ["LANGUAGE"] = current()
     gettext.bindtextdomain(DOMAIN, str(CATALOGUES))
-    gettext.textdomain(DOMAIN)  # click asks there
+    gettext.textdomain(DOMAIN)  # click uses it
 
 
 @contextmanager
 def within(language: str) -> Iterator[None]:
-    """Make texts in this language meanwhile: a page serves readers of several.
+    """Use this language within the context, for a page with readers of several languages.
 
     >>> with within("es"):
     ...     print(current(), f"{number(0.25):.2f}")
@@ -48,7 +48,7 @@ def within(language: str) -> Iterator[None]:
 
 
 def current() -> str:
-    """Return the key of LANGUAGES that is in force.
+    """Return the present language, a key of LANGUAGES.
 
     >>> current()
     'en'
@@ -59,8 +59,9 @@ def current() -> str:
 
 
 def translated(words: str, context: str = "", /, **figures: object) -> str:
-    """Return words of the code in the current language, with `figures` in their fields; words without a translation
-    stay English.
+    """Return words of the code in the current language, with `figures` in their fields.
+
+    Words without a translation stay English.
 
     >>> translated("{laps} laps in {t_s:.1f} s", laps=3, t_s=12.0)
     '3 laps in 12.0 s'
@@ -73,12 +74,12 @@ def translated(words: str, context: str = "", /, **figures: object) -> str:
 
 
 def marked(words: str) -> str:
-    """Return words as they are: the catalogue holds them, and `translated` gets them where they are shown."""
+    """Return words unchanged, marked for the catalogue; `translated` translates them where they are shown."""
     return words
 
 
 def number(value: Shown) -> Shown:
-    """Return a number that formats itself as the current language writes it; anything else as it is.
+    """Return a number that is formatted as in the current language; anything else unchanged.
 
     >>> f"{number(0.25):.1f}"
     '0.2'
@@ -100,7 +101,7 @@ _OF_UNITS = (N_("unit of u"), N_(" per "))
 
 
 def shown_unit(words: str) -> str:
-    """Return a unit as the current language writes it.
+    """Return a unit in the current language.
 
     >>> with within("es"):
     ...     print(shown_unit("N per unit of u"))

@@ -1,7 +1,7 @@
-"""The loop: measure → estimate → guide → control → supervise → act.
+"""Run the loop: measure → estimate → guide → control → supervise → act.
 
-`step` is pure: blocks, their states and a tick go in, new states and a record come out. The clocked loop
-below, a simulation in one kernel and the tuning of gains all call it; no second text of it exists.
+`step` is pure: it takes blocks, their states and a tick, and returns new states and a record. The clocked loop below, a
+simulation in one kernel and the tuning of gains all call it, so that a second version does not exist.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -36,7 +36,7 @@ class States(NamedTuple):
 
 
 class Record(NamedTuple):
-    """The record of one tick. `tick.u` is the command that was in force before it, `command` the one after."""
+    """The record of one tick. `tick.u` is the command in force before it, `command` the one after it."""
 
     tick: Tick
     requested: Command  # by the controller
@@ -48,8 +48,7 @@ class Record(NamedTuple):
 
 
 def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
-    """The states at the start; the estimator begins at the pose `eta` (3,), or pose and velocity (6,), if it
-    is given."""
+    """Return the states at the start; `eta` is the estimator's start: pose (3,), or pose and velocity (6,), or None."""
     start = () if eta is None else (eta,) if len(eta) == 3 else (eta[:3], eta[3:])
     belief = blocks.estimator.init(*start)
     return States(belief, blocks.guide.init(), blocks.controller.init(), blocks.supervisor.init())
@@ -70,7 +69,7 @@ class Outcome(NamedTuple):
     """The end of a run of the loop, and its reason."""
 
     stopped: Diagnostic | None  # why the motors were stopped; None if nothing stopped them
-    done: bool  # the guide had nothing more to ask for
+    done: bool  # True if the guide reached its end
     ticks: int
 
 
@@ -85,11 +84,10 @@ def run(
     on_event: Callable[[int, Diagnostic], None] = lambda t_ns, reason: None,
     eta: np.ndarray | None = None,
 ) -> Outcome:
-    """The clocked loop over a world. However it ends, it ends with a zero command.
+    """Run the clocked loop over a world. It always ends with a zero command.
 
-    A block that raises or breaks its promise is named, and the motors get zeros from then on; the same
-    when the supervisor stops. What happens is still recorded for AFTER_STOP_S. `eta` (3,) is the pose at
-    the start.
+    A fault of a block, which is named, sets the motors to zero from then on; so does a stop by the supervisor. Both are
+    still recorded for AFTER_STOP_S. `eta` (3,) is the pose at the start.
     """
     n = world.commands
     blocks = Blocks(*(guarded(room, b, n) for room, b in zip(Blocks._fields, blocks, strict=True)))
@@ -127,16 +125,18 @@ def _records(
             blocks, states, record, reason = careful_step(blocks, states, tick)
             records.append((record, reason))
         if records:
-            world.write(records[-1][0].command)  # first act, then write it down
+            world.write(records[-1][0].command)  # first act, then record
         yield from records
 
 
 def careful_step(
     blocks: Blocks, states: States, tick: Tick
 ) -> tuple[Blocks, States, Record, Diagnostic | None]:
-    """`step` of guarded blocks, and why the motors are stopped, None if they are not. After a fault the
-    blocks that drive are replaced by ones that do nothing; the estimator goes on, unless the fault is its
-    own."""
+    """Return the `step` of guarded blocks, and why the motors are stopped, None if they are not.
+
+    After a fault the blocks that drive are replaced by ones that do nothing. The estimator continues, unless it caused
+    the fault.
+    """
     try:
         states, record = step(blocks, states, tick)
     except BlockFault as fault:

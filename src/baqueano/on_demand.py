@@ -1,9 +1,8 @@
-"""Names that a package imports when they are asked for: what drives a vehicle starts without what only a laptop needs.
+"""Import names of a package at their first use: a vehicle starts without modules that only a laptop needs.
 
-A package with a submodule of the same name imports that name at once: else the submodule would take its place. The
-front door has verbs that are called as the rooms in which they stand: there `front_door` keeps the place for the verb.
-
-It imports nothing itself, so that `import baqueano` takes no time.
+A package with a submodule of the same name imports that name at once: otherwise the submodule would replace it. The
+package baqueano has functions with the names of their subpackages: there `front_door` keeps the name for the function.
+This module imports nothing at its start, so that `import baqueano` takes no time.
 """
 
 import sys
@@ -16,8 +15,10 @@ if TYPE_CHECKING:
 def on_demand(
     package: str, names: dict[str, tuple[str, ...]], rooms: tuple[str, ...] = ()
 ) -> "Callable[[str], object]":
-    """The `__getattr__` of a package whose modules hold these names, "name as other" under another name, and of its
-    subpackages `rooms`. It raises AttributeError for any other."""
+    """Return the `__getattr__` of a package with names of its modules, and with its subpackages `rooms`.
+
+    "name as other" gives a name another one. It raises AttributeError for any other name.
+    """
     module_of = {name: f"{package}.{module}" for module, exports in names.items() for name in exports}
     places = {name.partition(" as ")[2] or name: (module, name) for name, module in module_of.items()}
 
@@ -37,13 +38,15 @@ def on_demand(
 def front_door(
     package: str, names: dict[str, tuple[str, ...]], rooms: tuple[str, ...]
 ) -> "Callable[[str], object]":
-    """`on_demand`, for a package some of whose submodules are called as one of the names: the name is never the
-    submodule, also after that was imported."""
+    """Return `on_demand` for a package with submodules of the same names as functions.
+
+    Such a name is always the function, also after an import of the submodule.
+    """
     verbs = {name.partition(" as ")[2] or name for exports in names.values() for name in exports}
     module = type(sys)
 
     class FrontDoor(module):
-        """A module to which a submodule of a verb's name is not bound."""
+        """A module that does not bind a submodule with the name of a function."""
 
         def __setattr__(self, name: str, value: object) -> None:
             if not (name in verbs and isinstance(value, module)):

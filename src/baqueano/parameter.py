@@ -1,12 +1,12 @@
-"""A field of a block that is a parameter: its unit, its bounds, one line of meaning and its physics stand beside it.
+"""Define a field of a block that is a parameter: with its unit, its bounds, its meaning and its physics.
 
-The vehicle file, the bounds of a fit, its free parameters, its advice and the labels of a report are all read from
-here. So your own vehicle is served as ours are. `role` says what a default fit does with a parameter:
+The vehicle file, the bounds of a fit, its free parameters, its advice and the labels of a report all use this data. So
+your own vehicle works as ours do. `role` states what a default fit does with a parameter:
 
-    fitted   frees it                                   term    frees it where it is not neutral
-    gain     frees it; what commands do                 known   leaves it: somebody measured it
-    offset   frees it; it acts without a command        scale   leaves it; of a sensor, known by its data sheet
-                                                        noise   leaves it; it moves nothing
+    fitted   estimates it                               term    estimates it if it is not neutral
+    gain     estimates it; the effect of a command      known   keeps it: it was measured by hand
+    offset   estimates it; it acts without a command    scale   keeps it; a sensor's, known by its data sheet
+                                                        noise   keeps it; it has no effect on the motion
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ __all__ = ["Parameter", "documented", "parameter", "parameters"]
 
 INF = float("inf")
 Kind = TypeVar("Kind", bound=type)
-FAR = 1e3  # a bound beyond it keeps out what is absurd, and says nothing to a reader
+FAR = 1e3  # a bound beyond it only excludes absurd values, and is not shown to the reader
 SECTION = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
 ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
 ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")
@@ -45,11 +45,11 @@ class Parameter(NamedTuple):
     meaning : str
         One line.
     shape : tuple of int or None
-        Of the array; () for a number; None where it depends on the vehicle.
+        Of the array; () for a number; None if it depends on the vehicle.
     role : str
-        One of ROLES; what a default fit does with it.
+        One of ROLES; its use in a default fit.
     neutral : float or None
-        Value at which the effect vanishes; None: it never does.
+        Value at which the effect vanishes; None if it never does.
     term : str or tuple of str
         Name of the term that `choose` may add; entries and fields of one name are one term.
     start : tuple of float
@@ -57,19 +57,19 @@ class Parameter(NamedTuple):
     shown_by : str or tuple of str
         The motion that makes it identifiable.
     measured_by : str
-        The way in which a person measures it.
+        The way in which a user measures it.
     symbol : str or tuple of str
         Its letter, in LaTeX.
     label : str or tuple of str
-        Its short name for people; of a matrix that of the entries on the diagonal; "": the line of meaning.
+        Its short name for the reader; of a matrix, that of the diagonal entries; "": the line of meaning.
     std : str
         Field with its standard deviation; a filter may take it into its state.
     walk : str
         Field with its random walk in 1 s: a bias; "" for a constant.
     slip : str
-        Field with the deviation by which it comes and goes; "" if it does not.
+        Field with the standard deviation of its slow variation; "" for a constant.
     fade : str
-        Field with the time over which that fades.
+        Field with the time constant of that variation.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class Parameter(NamedTuple):
 
     @property
     def axes(self) -> bool:
-        """Return True where its first index is an axis of the body: forward, sideways, turning."""
+        """Return True if its first index is an axis of the body: forward, sideways, turning."""
         return self.shape is not None and self.shape[:1] == (3,) and self.unit.count(", ") == 2
 
 
@@ -125,9 +125,9 @@ def parameter(
     default : object
         Value of the field; arrays are given as lists or tuples.
     shape : tuple of int or None
-        Of the array; () for a number; None where it depends on the vehicle.
+        Of the array; () for a number; None if it depends on the vehicle.
     role : str
-        One of ROLES; what a default fit does with it.
+        One of ROLES; its use in a default fit.
     **physics : object
         The other fields of `Parameter`.
 
@@ -139,7 +139,7 @@ def parameter(
     Raises
     ------
     Invalid
-        Where the role is unknown; a ValueError.
+        If the role is unknown; a ValueError.
 
     Examples
     --------
@@ -187,8 +187,10 @@ def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
 
 
 def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
-    """(path, Parameter) of a block, at `path`, those of the blocks within it first; not what is None.
-    A field with a block may give its parameters other roles: metadata={"roles": {name: role}}."""
+    """Yield (path, Parameter) of a block at `path`, first those of blocks within it, without fields that are None.
+
+    A field with a block may give its parameters other roles: metadata={"roles": {name: role}}.
+    """
     if not dataclasses.is_dataclass(block):
         return
     for field in dataclasses.fields(block):

@@ -1,7 +1,7 @@
-"""Words on a terminal: lines to type, and words of a robot or a file, in which codes show what does not print, \\x1b.
+"""Quote lines to type, and make texts of a robot or a file safe for a terminal by codes such as \\x1b.
 
-A control character moves the cursor, writes over lines that stand, renames the window, answers in the name of the
-user (C0, C1, DEL); a mark of direction turns letters round (bidi); a line separator begins a line.
+A control character (C0, C1, DEL) moves the cursor, overwrites lines, renames the window, or answers in place of the
+user. A mark of direction reverses letters (bidi). A line separator begins a line.
 """
 
 import os
@@ -13,7 +13,7 @@ from typing import Any
 
 
 def typed(*words: object) -> str:
-    """Return a command of baqueano as one types it.
+    """Return a command of baqueano as a line to type.
 
     >>> typed("runs", "show", "my runs/0001.mcap")
     "baqueano runs show 'my runs/0001.mcap'"
@@ -22,7 +22,7 @@ def typed(*words: object) -> str:
 
 
 def quoted(*words: object) -> str:
-    """Return words as the shell of this machine takes them.
+    """Return words quoted for the shell of this machine.
 
     >>> quoted("cd", "my lab")
     "cd 'my lab'"
@@ -32,7 +32,7 @@ def quoted(*words: object) -> str:
 
 
 def _for_powershell(word: str) -> str:
-    """Return a word as PowerShell takes it; one that needs quotes gets those that cmd.exe takes too, if it can."""
+    """Return a word quoted for PowerShell, with quotes that cmd.exe also accepts if possible."""
     if re.fullmatch(r"[\w./\\:=+-]+", word):
         return word
     if not re.search(r'["$`“”„]', word):
@@ -41,7 +41,7 @@ def _for_powershell(word: str) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Return a text of several lines with a code for each character that does not print, but for newline and tab.
+    r"""Return a text of several lines with a code for each character that does not print, except newline and tab.
 
     >>> printable("safe \x1b[2J \u202e gnp.exe")
     'safe \\x1b[2J \\u202e gnp.exe'
@@ -52,7 +52,7 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    r"""Return a printable text of one line: a space stands for a newline and for a tab.
+    r"""Return a printable text of one line, with spaces for newlines and tabs.
 
     >>> one_line("READY\nbaqueano: all is well")
     'READY baqueano: all is well'
@@ -61,12 +61,12 @@ def one_line(text: str) -> str:
 
 
 def in_lines(rows: Iterable[str]) -> str:
-    """Return the rows of a table, each in a line of its own and no more."""
+    """Return the rows of a table as text, each in exactly one line."""
     return "\n".join(map(one_line, rows))
 
 
 def words(decoded: object) -> Any:
-    """Return what was decoded from JSON with every text in it, and every key, as `one_line` has it."""
+    """Return a value decoded from JSON, with all its texts and keys converted by `one_line`."""
     if isinstance(decoded, str):
         return one_line(decoded)
     if isinstance(decoded, dict):

@@ -1,8 +1,8 @@
-"""The signals between blocks. SI units and radians; map frame right-handed, ψ counter-clockwise;
-body frame x forward, y left (REP 103).
+"""Define the signals between blocks, in SI units and radians.
 
+Map frame: right-handed, ψ counter-clockwise. Body frame: x forward, y left (REP 103).
 Letters (Fossen): η = (x, y, ψ) pose in the map, ν = (ν_x, ν_y, ν_ψ) velocity in the body frame.
-Time is an integer count of nanoseconds from the clock of the run; seconds are derived by `seconds` alone.
+Time is an integer count of nanoseconds of the run's clock; only `seconds` converts it to seconds.
 """
 
 from collections import namedtuple
@@ -91,7 +91,7 @@ class Motion(NamedTuple):
     gravity : ndarray (2,) [m/s²]
         Gravity along body x and y; zero on a level floor.
     tick : tuple of Motion, optional
-        Motion at the beginning, the middle and the end of the tick; None where not known.
+        Motion at the beginning, the middle and the end of the tick; None if unknown.
 
     Examples
     --------
@@ -108,16 +108,16 @@ class Motion(NamedTuple):
 
 
 class Slot(NamedTuple):
-    """A sensor's place in a tick; z is zero where `has` is 0.
+    """The reading of a sensor in a tick; z is zero if `has` is 0.
 
     Attributes
     ----------
     has : float
-        1.0 where a measurement arrived since the previous tick, else 0.0.
+        1.0 if a measurement arrived since the previous tick, else 0.0.
     z : ndarray (m,)
         The measurement, in the sensor's own units (SI).
     age_s : float
-        Time by which it is older than the tick, by its stamp.
+        Age of its timestamp at the tick.
 
     Examples
     --------
@@ -168,11 +168,11 @@ class Estimate(NamedTuple):
     cov : ndarray (6, 6)
         Covariance of (η, ν).
     innovation : ndarray (m,), optional
-        z − h(μ̄); NaN where nothing arrived; None: not reported.
+        z − h(μ̄); NaN if no measurement arrived; None: not reported.
     innovation_cov : ndarray (m, m), optional
         S = H Σ̄ Hᵀ + Q.
     weight : ndarray (m,), optional
-        Weight of each innovation: 1 counts in full, below ½ is refused, NaN did not arrive.
+        Weight of each innovation: 1 in full, below ½ refused, NaN without a measurement.
 
     Examples
     --------
@@ -202,7 +202,7 @@ class Reference(NamedTuple):
     nu : ndarray (3,) [m/s, m/s, rad/s]
         Velocity along the route, in the body frame of the route.
     done : float
-        1.0 where the guide is at its end, else 0.0.
+        1.0 if the guide is at its end, else 0.0.
 
     Examples
     --------
@@ -223,11 +223,11 @@ def measured_ns(t_ns: int, slot: Slot) -> int:
 
 @cache
 def sensor_slots(names: tuple[str, ...]) -> Callable[..., ByName[Tree]]:
-    """The NamedTuple class that holds one Slot per sensor name; the same names give the same class."""
+    """Return the NamedTuple class with one Slot per sensor name; the same names give the same class."""
     slots_class: Tree = namedtuple("Sensors", names)
     return slots_class
 
 
 def silent(sizes: dict[str, int]) -> ByName[Slot]:
-    """Slots for sensors of the given sizes, all without a measurement."""
+    """Return slots for sensors of the given sizes, all without a measurement."""
     return sensor_slots(tuple(sizes))(*(Slot(0.0, np.zeros(m)) for m in sizes.values()))

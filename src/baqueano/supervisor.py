@@ -1,12 +1,10 @@
-"""The last word before the motors: limits, health, stop.
+"""Check every command before the motors: limits, health, stop.
 
-`Supervisor` is a block like the others, pure and traceable. It clips every command to its limits, and
-answers any of its `REASONS` with a zero command, for good: a stop is latched until somebody starts the
-vehicle again.
+`Supervisor` is a block like the others, pure and traceable. It clips every command to its limits, and answers any of
+its `REASONS` with a zero command. A stop is latched until the operator starts the vehicle again.
 
-`guarded` is the same care for what a block may do that arithmetic cannot show: raise, or return something
-else than promised. The clocked loop wraps every block in it; `BlockFault` then names the block and the
-line.
+`guarded` protects against faults of a block that arithmetic cannot show: an exception, or a wrong output. The clocked
+loop wraps every block in it; `BlockFault` then names the block and the line.
 """
 
 import inspect
@@ -27,7 +25,7 @@ from baqueano.parameter import INF, documented, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
 
-SQUARABLE = 1e150  # m/s: of a faster belief the speed itself overflows
+SQUARABLE = 1e150  # m/s: above it the square of the estimated speed overflows
 REASONS = (
     None,
     StopReason.COMMAND_NOT_FINITE,
@@ -40,17 +38,17 @@ REASONS = (
 
 
 class SupervisorState(NamedTuple):
-    """The past that a stop and a silence depend on."""
+    """The state on which a stop and a silence depend."""
 
     stopped: float  # 1.0 for good, once there was a reason
     reason: float  # index into REASONS
-    imu_ns: int  # when the IMU last spoke; -1 before the first tick
+    imu_ns: int  # time of the IMU's last measurement; -1 before the first tick
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Supervisor:
-    """Clips the command to `limit` and stops for the reasons above. A limit that is not given is infinite."""
+    """A supervisor that clips the command to `limit` and stops for the reasons above. A limit not given is infinite."""
 
     limit: np.ndarray = parameter("unit of u", "largest command, one per channel, (n,)", low=0.0, shape=None)
     max_speed_m_s: float = parameter(
@@ -71,13 +69,13 @@ class Supervisor:
         check_bounds(self)
 
     def init(self) -> SupervisorState:
-        """Not stopped."""
+        """Return the state before the first tick: not stopped."""
         return SupervisorState(0.0, 0.0, -1)
 
     def step(
         self, state: SupervisorState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[SupervisorState, Command]:
-        """The command (n,) that may reach the motors."""
+        """Return the next state, and the command (n,) that may reach the motors."""
         imu_ns: Value = np.where((self._has(tick) > 0.0) | (state.imu_ns < 0), tick.t_ns, state.imu_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
         numbers = np.concatenate([eta, nu, cov.reshape(-1)])
@@ -109,9 +107,9 @@ def position_std(cov: Value) -> Value:
 
 
 def stop_reason(state: Tree) -> Diagnostic | None:
-    """Return why a supervisor stopped; None if it did not, or is somebody else's and does not say.
+    """Return why a supervisor stopped; None if it did not, or if a supervisor of the user does not report it.
 
-    Its `reason` is an index into REASONS; in a supervisor with reasons of its own, a diagnostic or a sentence.
+    Its `reason` is an index into REASONS, or, in a supervisor with other reasons, a diagnostic or a sentence.
     """
     reason = getattr(state, "reason", None) or 0.0
     if isinstance(reason, Diagnostic):
@@ -122,7 +120,7 @@ def stop_reason(state: Tree) -> Diagnostic | None:
 
 
 def numbered(reason: int) -> Diagnostic:
-    """Return the diagnostic of an index into REASONS; a supervisor of the user's may have others."""
+    """Return the diagnostic of an index into REASONS, a general one for an index that a user's supervisor added."""
     stop_code = REASONS[reason] if 0 < reason < len(REASONS) else None
     if stop_code is None:
         return stop(
@@ -133,7 +131,7 @@ def numbered(reason: int) -> Diagnostic:
 
 
 class BlockFault(Exception):
-    """A block did not keep its promise. `reason` names the block, the file and the line."""
+    """The error of a block that violates its contract. `reason` names the block, the file and the line."""
 
     def __init__(self, room: str, reason: Diagnostic) -> None:
         super().__init__(reason.code)
@@ -142,7 +140,7 @@ class BlockFault(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GuardedBlock:
-    """A block whose `step` raises nothing but BlockFault, and returns what its room promises."""
+    """A block whose `step` raises only BlockFault or interruptions from outside, and returns the output of its room."""
 
     room: str  # "controller"
     block: Block
@@ -150,7 +148,7 @@ class GuardedBlock:
     zeros: dict[str, np.ndarray]  # its fields that must be finite, in their shapes
 
     def init(self, *start: np.ndarray) -> Tree:
-        """The block's own start."""
+        """Return the start state of the block."""
         try:
             return self.block.init(*start)
         except BlockFault:
@@ -159,7 +157,7 @@ class GuardedBlock:
             raise self._fault(error, StopReason.BLOCK_RAISED_IN_INIT) from error
 
     def step(self, state: Tree, *inputs: Tree) -> tuple[Tree, Tree]:
-        """The block's own step, checked."""
+        """Return the result of the block's step, checked."""
         try:
             result = self.block.step(state, *inputs)
         except BlockFault:  # of a part, which is named
@@ -177,7 +175,7 @@ class GuardedBlock:
         return getattr(object.__getattribute__(self, "block"), name)
 
     def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
-        """Raise the fault of the part that is to blame, if one is: the parts of a compiled block are not guarded."""
+        """Raise the fault of the part that caused it, if there is one: parts of a compiled block are unguarded."""
         if optional.of(text := _as_written(self.block), "goes_around") and text is not self.block:
             commands = len(self.zeros.get("u", ()))
             replace(self, block=_with_guarded_parts(self.room, text, commands)).step(state, *inputs)
@@ -187,14 +185,14 @@ class GuardedBlock:
         return BlockFault(self.room, reason)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
-        """Return the fault of any exception of the block, sys.exit() too; raise again what comes from outside."""
+        """Return the fault of an exception of the block, also of sys.exit(); raise interruptions from outside again."""
         if from_outside(error):
             raise error
         return BlockFault(self.room, stop(reason, block=_place(self, error), error=named(error)))
 
 
 def guarded(room: str, block: Block, commands: int = 0) -> GuardedBlock:
-    """`block` of a room of the loop, and each of its parts, for a vehicle with `commands` channels."""
+    """Return `block` of a room of the loop, guarded with its parts, for a vehicle with `commands` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
     command = {"u": np.zeros(commands)}
     contract: dict[str, tuple[type, dict[str, np.ndarray]]] = {
@@ -207,7 +205,7 @@ def guarded(room: str, block: Block, commands: int = 0) -> GuardedBlock:
 
 
 def _with_guarded_parts(room: str, block: Tree, commands: int) -> Tree:
-    """Return the block around guarded parts; one that is compiled, or no dataclass, as it is."""
+    """Return the block with guarded parts; a compiled one, or one that is not a dataclass, unchanged."""
     names = [name for name in optional.of(block, "goes_around") if optional.has_field(block, name)]
     inside = {name: guarded(room, getattr(block, name), commands) for name in names}
     return replace(block, **inside) if inside else block
@@ -215,7 +213,7 @@ def _with_guarded_parts(room: str, block: Tree, commands: int) -> Tree:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Off:
-    """A block that replaces a faulty one: zero command, zero reference, unchanged estimate."""
+    """A block that replaces a faulty one: zero command, reference at rest at the estimated pose, estimate of NaN."""
 
     room: str
     commands: int
@@ -224,7 +222,7 @@ class Off:
         """Return an empty state."""
 
     def step(self, state: None, *inputs: Tree) -> tuple[None, Tree]:
-        """The output of the room that moves nothing."""
+        """Return the output of the room that moves nothing."""
         t_ns = inputs[-1].t_ns
         if self.room == "estimator":
             return None, Estimate(t_ns, np.full(3, np.nan), np.full(3, np.nan), np.full((6, 6), np.nan))
@@ -234,7 +232,7 @@ class Off:
 
 
 def _wrong(output: Tree, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
-    """Return what is wrong with `output` and what was expected; None if nothing is."""
+    """Return the fault of `output` and the expected value; None without a fault."""
     if not isinstance(output, kind):
         fields = ", ".join(f for f in kind.__annotations__ if not f.startswith(("innovation", "weight")))
         return f"{_text_of(output)} as its output", f"{kind.__name__}({fields})"
@@ -264,7 +262,7 @@ def _text_of(value: object) -> str:
 
 
 def _place(guard: GuardedBlock, error: BaseException | None = None) -> str:
-    """The block and the line of its own file: where it raised, or where its step begins."""
+    """Return the block and the line of its file: where it raised, or where its step begins."""
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
     block = _to_blame(guard.block, {frame.filename for frame in frames})
     kind: Tree = type(block)
@@ -277,21 +275,21 @@ def _place(guard: GuardedBlock, error: BaseException | None = None) -> str:
 
 
 def _as_written(block: Tree) -> Tree:
-    """Return the block inside one that is timed, limited or compiled: each holds it as `block`."""
+    """Return the block inside one that is timed, limited or compiled: each has it as `block`."""
     while (inner := getattr(block, "block", None)) is not None:
         block = inner
     return block
 
 
 def _to_blame(block: Tree, files: Container[str | None]) -> Tree:
-    """Return the innermost part of a block whose file an error came through; the block itself if it lacks parts."""
+    """Return the innermost part of a block with one of `files` of a traceback, or the block without such a part."""
     block = _as_written(block)
     inside = [_to_blame(getattr(block, name), files) for name in optional.of(block, "goes_around")]
     return next((part for part in inside if _file_of(part) in files), block)
 
 
 def _file_of(block: Tree) -> str | None:
-    """Return the file in which the step of a block stands; None of one that is not Python text."""
+    """Return the file of the block's step; None if it is not Python code."""
     try:
         step: Tree = type(block).step
         return inspect.getfile(step) if step.__code__ else None

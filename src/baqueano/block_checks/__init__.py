@@ -1,15 +1,14 @@
-"""Checks of the promises of blocks: `check_estimator(block)` and its sisters return diagnostics for
-the author, and none if all is well.
+"""Check the contracts of blocks: `check_estimator(block)` and its siblings return diagnostics for the author.
 
     pure            an argument, or the block itself, never changes
     deterministic   the same call gives the same numbers, bit for bit
-    stamped         an output carries the time of what it answers
+    stamped         an output has the timestamp of its input
     wrapped         angles that leave a block lie within [−π, π]
-    positive        covariances are symmetric, and have no negative eigenvalue
-    anywhere        a clock that begins at an epoch gives what one gives that begins at 0
+    positive        covariances are symmetric, without a negative eigenvalue
+    anywhere        a clock that begins at an epoch gives the same results as one that begins at 0
     alone           no clock, file, random number or print
 
-`notes` says beside them whether a block can be compiled.
+The list is empty if a block passes. `notes` reports if a block can be compiled.
 """
 
 from collections.abc import Callable
@@ -45,7 +44,7 @@ CHECKS: dict[str, Callable[..., list[Diagnostic]]] = {
 def check(
     room: str, block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
-    """Return what is wrong with a block, as its author reads it.
+    """Return the faults of a block, as diagnostics for its author.
 
     Parameters
     ----------
@@ -61,7 +60,7 @@ def check(
     Returns
     -------
     list of Diagnostic
-        Empty where the block keeps its promises.
+        Empty if the block fulfils its contract.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Can a block be compiled, and does it say the same then? One that cannot runs as it is written, slower."""
+"""Check if a block can be compiled, with the same results. A block that cannot runs uncompiled, and slower."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ AGREE = 1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned bl
 def notes(
     room: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
 ) -> list[Diagnostic]:
-    """Return what is worth knowing of a block that keeps its promises: whether simulations with it are fast.
+    """Return notes on a block that fulfils its contract: if simulations with it are fast.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def notes(
     Returns
     -------
     list of Diagnostic
-        Empty where the block can be compiled, and gives the same numbers then.
+        Empty if the block can be compiled, and then gives the same numbers.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def notes(
 
 
 def _arguments(room: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[Any, ...]:
-    """One tick in the middle of a circle."""
+    """Return the arguments of one tick in the middle of a circle."""
     estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
     reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)
     tick = Tick(5 * TICK_NS, np.full(n, 0.3), slots_at(sensors, 4))

@@ -1,4 +1,4 @@
-"""Vehicles and sensors on trial: what they promise beside purity is written in their Protocols."""
+"""Check vehicles and sensors; their Protocols state the contract."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ CURVE, ROLLING, TURNED = note("when.curve"), note("when.rolling"), note("when.ps
 
 
 def check_vehicle(block: object) -> list[Diagnostic]:
-    """Return what is wrong with a vehicle. It drives a curve, stands still, and rolls.
+    """Return the faults of a vehicle. It drives a curve, rests, and rolls.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def check_vehicle(block: object) -> list[Diagnostic]:
     Returns
     -------
     list of Diagnostic
-        Empty where the block keeps its promises.
+        Empty if the block fulfils its contract.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def _motion(trial: Trial, motion: Motion, when: Diagnostic) -> None:
 
 
 def check_sensor(block: object) -> list[Diagnostic]:
-    """Return what is wrong with a sensor. It measures a circle through ψ = π.
+    """Return the faults of a sensor. It measures a circle through ψ = π.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def check_sensor(block: object) -> list[Diagnostic]:
     Returns
     -------
     list of Diagnostic
-        Empty where the block keeps its promises.
+        Empty if the block fulfils its contract.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def _rate(trial: Trial, block: Any, answers: int) -> None:
 
 
 def moving(k: int) -> Motion:
-    """A steady circle through ψ = π."""
+    """Return the motion of tick `k` on a steady circle through ψ = π."""
     psi = ETA[2] + NU[2] * k * DT_S
     heading = (psi + np.pi) % (2.0 * np.pi) - np.pi
     return Motion(np.array([ETA[0], ETA[1], heading]), NU, np.array([0.0, 0.0, 0.0]), LEVEL)

@@ -1,4 +1,4 @@
-"""The blocks of the loop on trial: estimator, guide, controller, supervisor."""
+"""Check the blocks of the loop: estimator, guide, controller, supervisor."""
 
 from contextlib import suppress
 from typing import Any
@@ -18,11 +18,11 @@ TICK_NS = 20_000_000
 TURN = 2.5  # rad/s: crosses π after 1.26 s
 EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer: since 1970
 CIRCLE, REPEATED = note("when.circle"), note("when.repeated")
-SAME = 1e-3  # of the size of an answer; times that became floats on the way cost 1e-5
+SAME = 1e-3  # of the size of an output; times converted to floats cause an error of 1e-5
 
 
 def a_sensor() -> SensorBlocks:
-    """Return the default sensors of a test of an estimator: an IMU."""
+    """Return the default sensors for a check: an IMU."""
     imu = Imu(accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.01)
     return sensor_slots(("imu",))(imu)
 
@@ -30,7 +30,7 @@ def a_sensor() -> SensorBlocks:
 def check_estimator(
     block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
-    """Return what is wrong with an estimator.
+    """Return the faults of an estimator.
 
     It drives a circle across ψ = π, receives nothing for 2 s, then damaged measurements, a repeated tick and a gap of
     0.3 s.
@@ -47,7 +47,7 @@ def check_estimator(
     Returns
     -------
     list of Diagnostic
-        Empty where the block keeps its promises.
+        Empty if the block fulfils its contract.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
         when = note("when.after-measurement", found=str(value))
         belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots), when)
     belief, _ = _believe(trial, belief, Tick(t_ns, u, none), REPEATED)
-    t_ns += 15 * TICK_NS  # longer, and the firmware has stopped the motors
+    t_ns += 15 * TICK_NS  # after a longer gap the firmware would have stopped the motors
     _believe(trial, belief, Tick(t_ns, u, slots_at(sensors, 0)), note("when.gap"))
 
 
@@ -102,7 +102,7 @@ def _believe(trial: Trial, belief: Tree, tick: Tick, when: Diagnostic) -> tuple[
 
 
 def slots_at(sensors: SensorBlocks, k: int) -> Any:
-    """Return the readings of the sensors in a circle at 0.3 m/s."""
+    """Return the readings of the sensors on a circle at 0.3 m/s."""
     psi = wrap(TURN * DT_S * (k + 1))
     motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, TURN]), np.zeros(3), np.zeros(2))
     slots = sensor_slots(tuple(sensors._fields))
@@ -110,7 +110,7 @@ def slots_at(sensors: SensorBlocks, k: int) -> Any:
 
 
 def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
-    """Return what is wrong with a controller.
+    """Return the faults of a controller.
 
     It follows a circle across ψ = π, the same circle in a map that is moved and turned, and the same circle one full
     turn further.
@@ -125,7 +125,7 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     Returns
     -------
     list of Diagnostic
-        Empty where the block keeps its promises.
+        Empty if the block fulfils its contract.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
 
 
 def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
-    """Commands (81, n) along a circle laid into the map at the pose `offset`; a repeated tick at the end."""
+    """Return the commands (80, n) along a circle placed at the pose `offset`; the last tick is repeated once."""
     state, commands_ = trial.ask("init", AT_START), []
     for k in [*range(80), 79]:
         t_ns, psi = (k + 1) * TICK_NS, TURN * DT_S * k
@@ -177,7 +177,7 @@ def _shift(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
 
 
 def check_guide(block: object) -> list[Diagnostic]:
-    """Return what is wrong with a guide. It gives references for 3 s, at a repeated tick, and an hour later.
+    """Return the faults of a guide. It gives references for 3 s, at a repeated tick, and an hour later.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def check_guide(block: object) -> list[Diagnostic]:
     Returns
     -------
     list of Diagnostic
-        Empty where the block keeps its promises.
+        Empty if the block fulfils its contract.
 
     Examples
     --------
@@ -226,7 +226,7 @@ def _reference(trial: Trial, reference: Reference, t_ns: int, when: Diagnostic) 
 def check_supervisor(
     block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
-    """Return what is wrong with a supervisor: its commands are safe for every input.
+    """Return the faults of a supervisor: its commands must be safe for every input.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def check_supervisor(
     Returns
     -------
     list of Diagnostic
-        Empty where the block keeps its promises.
+        Empty if the block fulfils its contract.
 
     Examples
     --------
@@ -261,7 +261,7 @@ def check_supervisor(
 
 
 def _supervise(trial: Trial, sensors: SensorBlocks, n: int, subject: str, u: float, eta: float) -> None:
-    """Ten good ticks, one with a NaN, ten good ones: zeros from the NaN on."""
+    """Run ten good ticks, one with a NaN, ten good ones: the commands must be zero from the NaN on."""
     state = trial.ask("init", AT_START)
     for k in range(21):
         bad = k == 10
@@ -301,7 +301,7 @@ def _let_through(
 
 
 def _begin_anywhere(trial: Trial, room: str, sensors: SensorBlocks, n: int) -> None:
-    """The same drive with a clock that begins at 0, and with one that begins at an epoch, as a recording's may."""
+    """Check that a drive gives the same results with a clock that begins at 0 and with one that begins at an epoch."""
     plain = _answers(trial, room, sensors, n, 0)
     late = _answers(trial, room, sensors, n, EPOCH_NS)
     for name, at_zero in plain.items():
@@ -316,7 +316,7 @@ def _begin_anywhere(trial: Trial, room: str, sensors: SensorBlocks, n: int) -> N
 
 
 def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: int) -> dict[str, np.ndarray]:
-    """Return what the block answers in 20 ticks of a circle, each (20, m)."""
+    """Return the outputs of the block in 20 ticks of a circle, each (20, m)."""
     state, rows, when = trial.ask("init", AT_START), [], note("when.clock", begin_ns=float(begin_ns))
     for k in range(20):
         t_ns, psi = begin_ns + (k + 1) * TICK_NS, TURN * DT_S * k
@@ -335,7 +335,7 @@ def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: i
 
 
 def _numbers(out: Any) -> dict[str, np.ndarray]:
-    """The fields that the room promises, an angle apart."""
+    """Return the fields that the room's contract requires, with the angle separate."""
     fields = {
         name: np.asarray(getattr(out, name), dtype=float)
         for name in ("u", "nu", "done", "cov")

@@ -1,4 +1,4 @@
-"""Calls that a block's file may not make: clocks, files, random numbers, print. They are read from its syntax."""
+"""Find forbidden calls in a block's file: clocks, files, random numbers, print. They are found in its syntax tree."""
 
 import ast
 import inspect
@@ -17,7 +17,7 @@ CALLS = {"print": note("outside.prints"), "open": note("outside.files"), "input"
 
 
 def place(kind: Any) -> str:
-    """ "my_controller.py line 12": where a class or function is written."""
+    """Return file and line of a class or function, as "my_controller.py line 12"."""
     try:
         return f"{Path(inspect.getfile(kind)).name} line {inspect.getsourcelines(kind)[1]}"
     except (OSError, TypeError):
@@ -25,7 +25,7 @@ def place(kind: Any) -> str:
 
 
 def doors(kind: type) -> list[Diagnostic]:
-    """Return a diagnostic for each door to the outside in the file of a class."""
+    """Return a diagnostic for each access to the outside in the file of a class."""
     try:
         file = Path(inspect.getfile(kind))
         tree = ast.parse(file.read_text(encoding="utf-8"))
@@ -46,7 +46,7 @@ def doors(kind: type) -> list[Diagnostic]:
 
 
 def _through(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]:
-    """Return the line of a node, what it does that it may not, with which name, and what to do instead."""
+    """Return line, kind of access, name and replacement for each forbidden access of a node."""
     if isinstance(node, ast.Import):
         names = [alias.name.split(".")[0] for alias in node.names]
         return [(node.lineno, "imports", n, DOORS[n]) for n in names if n in DOORS]

@@ -1,4 +1,4 @@
-"""The text in which a class of the user's is written: that of its file, or of a notebook's cell."""
+"""Read the text in which a class of the user is written: that of its file, or of a notebook's cell."""
 
 import inspect
 import linecache
@@ -6,20 +6,22 @@ from types import FunctionType
 
 
 def is_ours(kind: type) -> bool:
-    """Return whether a class comes with the package, whose version every run records."""
+    """Return True if a class comes with the package, whose version every run records."""
     return kind.__module__.partition(".")[0] == "baqueano"
 
 
 def source_text(kind: type) -> str:
-    """Return the text of the file or of the notebook's cell in which a class is written; "" where Python does not know
-    it, as for one that was typed into a terminal."""
+    """Return the text of the file or of the notebook's cell in which a class is written.
+
+    It is "" if Python does not keep it, as for a class that was typed into a terminal.
+    """
     file = _file_of(kind)
     linecache.checkcache(file)  # a file may have changed; a notebook keeps its cells
     return "".join(linecache.getlines(file))
 
 
 def _file_of(kind: type) -> str:
-    """Return the name under which Python keeps the text: that of a method, for a notebook's cell is in no file."""
+    """Return the name under which Python keeps the text: that of a method, as a notebook's cell is in no file."""
     methods = [method for method in vars(kind).values() if isinstance(method, FunctionType)]
     files = [method.__code__.co_filename for method in methods if method.__module__ == kind.__module__]
     try:

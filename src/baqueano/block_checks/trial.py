@@ -1,7 +1,7 @@
-"""One block on trial: calls are made twice from the same arguments, and everything is compared.
+"""Check one block: calls are made twice from the same arguments, and everything is compared.
 
-Pure: neither an argument nor the block itself changes. Deterministic: twice the same call, twice the same
-numbers, bit for bit. What is wrong is kept as diagnostics, each once.
+Pure: neither an argument nor the block itself changes. Deterministic: two equal calls give the same numbers, bit for
+bit. Faults are kept as diagnostics, each once.
 """
 
 import copy
@@ -16,17 +16,17 @@ from baqueano.block_checks.source import doors, place
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import from_outside, named
 
-MOST = 12  # diagnostics: more is not read
+MOST = 12  # diagnostics that are reported at most
 AT_START = note("when.start")
 LACKING = ("check.no-method", "check.no-attribute", "check.no-commands", "check.no-drivetrain")
 
 
 class GaveUp(Exception):
-    """The block raised or returned something unusable: the trial of this room ends."""
+    """The end of the check of this room: the block raised or returned something unusable."""
 
 
 class Trial:
-    """A block and what was found wrong with it."""
+    """A block and the faults found in it."""
 
     def __init__(self, block: object, verbs: tuple[str, ...] = ("init", "step")) -> None:
         self.block = block
@@ -42,17 +42,17 @@ class Trial:
 
     @property
     def lacking(self) -> bool:
-        """Return whether the block has not all that its trial asks for."""
+        """Return True if the block lacks a method or attribute that its check needs."""
         return any(fault_.code in LACKING for fault_ in self.faults)
 
     def say(self, code: str, verb: str = "", **figures: Any) -> None:
-        """Keep a diagnostic for the author, with the place that it speaks of."""
+        """Keep a diagnostic for the author, with the place in the code."""
         at = place(getattr(self.kind, verb, self.kind)) if verb else place(self.kind)
         name = f"{self.kind.__name__}.{verb}()" if verb else self.kind.__name__
         self.faults[fault(code, subject=name, place=at, **figures)] = None
 
     def ask(self, verb: str, when: Diagnostic, *arguments: object) -> Any:
-        """The result of a call, made twice. GaveUp if it raised."""
+        """Return the result of a call, made twice. GaveUp if it raised."""
         before = _freeze(arguments)
         first = self._call(verb, when, arguments)
         if _freeze(arguments) != before:
@@ -67,14 +67,14 @@ class Trial:
         return first
 
     def _repeats(self, verb: str, when: Diagnostic) -> bool:
-        """Return True where a call is to be repeated: the first calls, then some of them."""
+        """Return True if a call is to be repeated: the first five, then every tenth."""
         count = self._calls_of[verb, when] = self._calls_of.get((verb, when), 0) + 1
         return count <= 5 or count % 10 == 0
 
     def step(self, when: Diagnostic, *arguments: object) -> tuple[Any, Any]:
-        """(state, output) of a step."""
+        """Return (state, output) of a step. GaveUp for anything else."""
         result = self.ask("step", when, *arguments)
-        is_record = type(result) is not tuple  # a Command alone is a tuple of two as well
+        is_record = type(result) is not tuple  # a Command is also a tuple of two
         if not (isinstance(result, tuple) and len(result) == 2) or is_record:
             if type(result) is tuple:
                 self.say("check.values", "step", count=len(result), when=when)
@@ -86,7 +86,7 @@ class Trial:
     def expect(
         self, what: str, value: object, shape: tuple[int, ...], when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
-        """An array of a shape, finite; GaveUp for anything else."""
+        """Return a finite array of this shape; GaveUp for anything else."""
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
@@ -101,20 +101,20 @@ class Trial:
         return array
 
     def stamped(self, output: object, t_ns: int, of: str, when: Diagnostic) -> None:
-        """The output carries the time of what it answers."""
+        """Check that the output has the timestamp of its input."""
         stamp = getattr(output, "t_ns", None)
         if stamp is None or int(stamp) != t_ns:
             self.say("check.stamp", "step", found=stamp, of=of, t_ns=t_ns, when=when)
 
     def wrapped(self, what: str, psi: float, when: Diagnostic) -> None:
-        """An angle that leaves a block lies within [−π, π]."""
+        """Check that an angle that leaves a block lies within [−π, π]."""
         if abs(psi) > np.pi + 1e-9:
             self.say("check.not-wrapped", "step", what=what, psi_rad=psi, when=when)
 
     def covariance(
         self, what: str, value: object, size: int, when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
-        """Symmetric, and no eigenvalue below 0."""
+        """Return a covariance, and check that it is symmetric, without an eigenvalue below 0."""
         P = self.expect(what, value, (size, size), when, verb)
         scale = np.max(np.abs(P), initial=0.0)
         if np.max(np.abs(P - P.T), initial=0.0) > 1e-9 * scale:
@@ -124,7 +124,7 @@ class Trial:
         return P
 
     def done(self) -> list[Diagnostic]:
-        """Return what was found, MOST at most."""
+        """Return the faults, MOST at most."""
         return list(self.faults)[:MOST]
 
     def _call(self, verb: str, when: Diagnostic, arguments: tuple[Any, ...]) -> Any:
@@ -156,14 +156,14 @@ def _is_frozen_dataclass(kind: type) -> bool:
 
 
 def _fields(block: object) -> Any:
-    """All that an object holds, in slots or in a dict."""
+    """Return all attributes of an object, in slots or in a dict."""
     names = [n for c in type(block).__mro__ for n in getattr(c, "__slots__", ()) if not n.startswith("__")]
     values = {n: getattr(block, n, None) for n in names}
     return values | dict(getattr(block, "__dict__", {}))
 
 
 def _freeze(value: object) -> Any:
-    """A copy that compares with ==, NaN equal to NaN, every bit counting."""
+    """Return a copy that compares with ==, bit by bit, with NaN equal to NaN."""
     if isinstance(value, np.ndarray):
         return (
             "array",

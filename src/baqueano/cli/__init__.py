@@ -1,4 +1,4 @@
-"""The command line: one verb, one thin function, imported only when it is called."""
+"""Define the command line: each verb is one short function, imported only when it is called."""
 
 import importlib
 import os
@@ -38,7 +38,7 @@ VERBS = {
     "blocks": "List the blocks; check one of your own.",
 }
 
-ROOMS = {  # of the verbs that do not stand beside this file
+ROOMS = {  # subpackage → verbs; the other verbs are modules of this package
     "driving": ("drive", "experiment", "repeat", "replay", "route", "teach"),
     "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "sweep", "tune"),
     "page": ("serve", "view"),
@@ -71,18 +71,18 @@ def unknown(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
 
 
 class Verbs(click.Group):
-    """A verb that has verbs of its own."""
+    """A group: a verb with subcommands."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb that was typed; UsageError with the nearest one for an unknown verb."""
+        """Return the typed subcommand. Raise UsageError with the nearest name for an unknown one."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise unknown(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Return the first sentence of each, complete."""
+        """Write the first sentence of each subcommand, complete."""
         with formatter.section(_("Commands")):
             formatter.write_dl(
                 [(name, verb.get_short_help_str(WHOLE)) for name, verb in sorted(self.commands.items())]
@@ -93,7 +93,7 @@ def command_of(verb: str) -> click.Command:
     """Import a verb of VERBS and return its command, its help in the current language."""
     room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
     command = importlib.import_module(f"baqueano.cli.{room}{verb}").command
-    command._help_option = None  # click keeps that of the first call
+    command._help_option = None  # click caches the one of the first call
     return in_language(command)
 
 
@@ -102,7 +102,7 @@ def in_language(command: click.Command) -> click.Command:
     if language.current() == "en":
         return command
     command = copy(command)
-    command._help_option = None  # click keeps it, with the words of the first language that was asked for
+    command._help_option = None  # click caches it in the first requested language
     for name in ("help", "short_help", "epilog"):
         setattr(command, name, language.translated(getattr(command, name) or "") or None)
     command.params = [copy(param) for param in command.params]
@@ -118,7 +118,7 @@ def in_language(command: click.Command) -> click.Command:
 
 
 def _metavar(option: click.Option) -> str | None:
-    """Return what help calls the value of an option; None where it lists the values."""
+    """Return the name of an option's value in the help, or None if the help lists the values."""
     kind = option.type
     if option.is_flag or option.count or isinstance(kind, click.Choice):
         return None
@@ -128,7 +128,7 @@ def _metavar(option: click.Option) -> str | None:
 
 
 class _LazyVerbs(click.Group):
-    """Finds a verb by `command_of`, so that --help imports none of them."""
+    """A group that finds its verbs by `command_of`, so that --help does not import them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -188,7 +188,7 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
 
 
 def main(args: list[str] | None = None) -> None:
-    """The entry point. However it ends, it ends as one paragraph on stderr and an exit code."""
+    """Run the command line. Each error ends as one paragraph on stderr and an exit code."""
     from baqueano.cli.terminal import plain_letters
 
     plain_letters(sys.stdout, sys.stderr)
@@ -207,7 +207,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:
-    """Return the arguments without `--lang`, which may stand anywhere before `--`, and its value."""
+    """Return the arguments without `--lang`, which may be at any position before `--`, and its value."""
     end = args.index("--") if "--" in args else len(args)
     for k, arg in enumerate(args[:end]):
         if arg == "--lang" and k + 1 < end:
@@ -218,7 +218,7 @@ def _without_language(args: list[str]) -> tuple[list[str], str]:
 
 
 def _exit_code(args: list[str], before: list[str]) -> int:
-    """The exit code, after everything was said."""
+    """Run the command, print its error if there is one, and return the exit code."""
     from click.exceptions import NoArgsIsHelpError
 
     from baqueano.cli.terminal import answered, talk, tell
@@ -240,7 +240,7 @@ def _exit_code(args: list[str], before: list[str]) -> int:
         if isinstance(error, SystemExit) and not in_users_file(error):
             raise
         if isinstance(error, click.Abort) and isinstance(error.__cause__, KeyboardInterrupt):
-            error = error.__cause__  # click takes every one for Ctrl-C
+            error = error.__cause__  # click converts each EOFError and KeyboardInterrupt
         if "--debug" in before:
             talk("".join(traceback.format_exception(error)).rstrip("\n"))
         end = command_error(error, args)

@@ -1,4 +1,4 @@
-"""Names of arguments in messages: as a Python argument, or as an option of the command line.
+"""Format names of arguments in messages: as a Python argument, or as an option of the command line.
 
 {arg[per_run]}  →  --per-run        {arg[use]:gps}  →  --use gps        {arg[use]:…}  →  --use SENSOR
 """
@@ -7,7 +7,7 @@ import shlex
 from dataclasses import dataclass
 
 OPEN = "…"  # in the place of a value that the user chooses
-OPTIONS = {  # argument of `identify` → option, and what its value is called
+OPTIONS = {  # argument of `identify` → option, and the name of its value
     "free": ("--free", "KEY"),
     "fixed": ("--fix", "KEY"),
     "bounds": ("--bound", "KEY=LOW,HIGH"),
@@ -25,7 +25,7 @@ OPTIONS = {  # argument of `identify` → option, and what its value is called
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An argument as it is typed; one without an option keeps its name."""
+    """An argument in the form in which it is typed; one that is not in OPTIONS keeps its name."""
 
     name: str
 

@@ -1,4 +1,4 @@
-"""baqueano blocks."""
+"""Define `baqueano blocks`: list the blocks, and check one."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -40,7 +40,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 
 
 def which_estimator(file: "VehicleFile") -> Diagnostic:
-    """Return the estimator to take for the sensors of a vehicle."""
+    """Return the recommended estimator for the sensors of a vehicle."""
     from baqueano.estimators.readings.velocity_readings import readings_of, show_place
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
@@ -99,7 +99,7 @@ class RowsResult:
         return self.findings
 
     def table(self) -> str:
-        """Return the same in columns; the verdict where the list is empty."""
+        """Return the rows in columns, or the verdict if the list is empty."""
         if not self.findings:
             return _(self.verdict)
         cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.findings]

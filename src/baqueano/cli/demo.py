@@ -1,4 +1,4 @@
-"""baqueano demo."""
+"""Define `baqueano demo`: the whole loop on the simulated small vehicle."""
 
 import shutil
 import sys
@@ -13,14 +13,14 @@ from baqueano.diagnostics import note
 
 
 def typed_here() -> str:
-    """Return the name of this program in this shell: its path, where `make` has hidden it from the shell."""
+    """Return the command that starts this program: its name, or its path if the shell does not find it."""
     if shutil.which("baqueano") or not (own := Path(sys.argv[0])).is_file():
         return "baqueano"
     return str(own)
 
 
 def free_folder() -> Path:
-    """demo, or the first of demo-2, demo-3, … that is not there: what an earlier demo made is kept."""
+    """Return the first name of demo, demo-2, demo-3, … that does not exist, so that earlier demos are kept."""
     names = (Path("demo" if k == 1 else f"demo-{k}") for k in count(1))
     return next(path for path in names if not path.exists())
 

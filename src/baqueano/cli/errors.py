@@ -1,4 +1,4 @@
-"""The end of a command: one paragraph on stderr and an exit code.
+"""End a command with one paragraph on stderr and an exit code.
 
 0 done, 1 the answer is no, 2 usage, 3 a file that cannot be used, 4 robot unreachable, 5 safety stop,
 130 Ctrl-C.
@@ -20,13 +20,13 @@ NO, USAGE, BAD_FILE = 1, 2, 3
 
 
 class Interruption(BaqueanoError):
-    """Ctrl-C ended a drive; what was recorded is whole."""
+    """The error of a drive that Ctrl-C ended; the recording is complete up to then."""
 
     exit_code = INTERRUPTED
 
 
 class CommandError(NamedTuple):
-    """Why a command ended, what to type next, and the exit code."""
+    """The reason for which a command ended, the command to type next, and the exit code."""
 
     reason: Diagnostic
     next: Diagnostic | None
@@ -34,7 +34,7 @@ class CommandError(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Return why it ended and what to type next, as it is typed."""
+        """Return the reason and the command to type next, with arguments in the form in which they are typed."""
         parts = (
             text(diagnostic, argument=Option)
             for diagnostic in (self.reason, self.next)
@@ -48,13 +48,13 @@ class CommandError(NamedTuple):
         return f"baqueano: {self.sentence}"
 
     def to_json(self) -> dict[str, object]:
-        """Return it for --json: code, figures, the text, what to type next, and the exit code."""
+        """Return the error for --json: code, figures, the text, the command to type next, and the exit code."""
         after = {} if self.next is None else {"next": self.next.to_json()}
         return self.reason.to_json() | {"text": self.sentence} | after | {"exit_code": self.code}
 
 
 def command_error(error: BaseException, args: list[str]) -> CommandError:
-    """Return how an error ends the command.  args: the command line, without `baqueano`."""
+    """Return the end of the command for an error. args: the command line, without `baqueano`."""
     diagnostic, code = _diagnosis(error, args)
     return CommandError(diagnostic, next_line(diagnostic, code, args), code)
 
@@ -80,7 +80,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             return fault(
                 "cli.system", typed(*args), place=place, error=error.strerror or str(error)
             ), BAD_FILE
-    if place := in_users_file(error):  # where no loop guards the block
+    if place := in_users_file(error):  # outside the guards of the loop
         ends = "" if isinstance(error, Exception) else "-and-ended"
         return fault(f"cli.block-raised{ends}", place=place, error=named(error)), BAD_FILE
     last = traceback.extract_tb(error.__traceback__)[-1]

@@ -1,4 +1,4 @@
-"""baqueano new."""
+"""Define `baqueano new`: make a project folder."""
 
 import click
 

@@ -1,9 +1,9 @@
-"""The line to type after an error: a command that goes further, never the one that failed as it was.
+"""Suggest the command to type after an error: one that leads further, not the failed one unchanged.
 
-The code and figures of the error decide. A name with a near one (`found`, and `near` of names.py) is put right in the
-command; for a path that is `missing` there is the nearest file; a decimal comma becomes a point. Else stands the line
-that the error brings itself (`fix`); else, after usage, the options, after a bad map a good one, and after a bad run
-the list of all.
+The code and figures of the error decide. A mistyped name (`found`, with the nearest in `near`, see names.py) is
+corrected in the command; a `missing` path is replaced by the nearest file; a decimal comma becomes a point. Otherwise
+the error's own suggestion (`fix`) stays. Without one the suggestion is --help after a usage error, the description of
+a map after a bad map, and the list of runs after a bad run.
 """
 
 import difflib
@@ -16,14 +16,17 @@ from baqueano.printable import typed
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
-NEAR = 0.75  # part of their letters that the names of two files have in common
+NEAR = 0.75  # share of letters that two similar file names have in common
 COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
 TO_ALLOW = ("block.elsewhere", "block.in-run")
 SHOWN = 5  # files of a folder that are named
 
 
 def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
-    """Return what to type next; None where the error says it.  args: the command line, without `baqueano`."""
+    """Return the command to type next, or None if the error already contains it.
+
+    args: the command line, without `baqueano`.
+    """
     if code not in (USAGE, BAD_FILE):
         return None
     causes = list(_causes(message))
@@ -52,7 +55,7 @@ def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | N
 
 
 def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
-    """Yield it, and what it says of others."""
+    """Yield the message, and the messages in its figures."""
     yield message
     for figure in message.figures.values():
         if isinstance(figure, Diagnostic):
@@ -60,7 +63,7 @@ def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
 
 
 def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
-    """Return the command with what was meant in the place of what was found; None where nothing is near it."""
+    """Return the command with the mistyped word corrected, or None without a near word."""
     mistyped_word, near = str(cause.figures.get("found", "")), cause.figures.get("near")
     suggestion = near.figures.get("meant") if isinstance(near, Diagnostic) else None
     for k, arg in enumerate(args):
@@ -74,7 +77,7 @@ def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
 
 
 def _with_points(args: list[str]) -> list[str]:
-    """Return the command with points in numbers such as 0,3 and KEY=0,3 and 2,5x2; --bound has two numbers."""
+    """Return the command with points in numbers such as 0,3 and KEY=0,3 and 2,5x2, but not after --bound."""
     before = ["", *args]
     return [
         arg.replace(",", ".") if option != "--bound" and COMMA.fullmatch(arg.rpartition("=")[2]) else arg
@@ -83,13 +86,13 @@ def _with_points(args: list[str]) -> list[str]:
 
 
 def _nearest(missing: Path) -> Path | None:
-    """Return the file whose path is most like this one."""
+    """Return the file in the same folder with the most similar name, or None."""
     near = difflib.get_close_matches(missing.name, _files(missing.parent), n=1, cutoff=NEAR)
     return missing.parent / near[0] if near else None
 
 
 def _in_place_of(path: Path) -> Diagnostic:
-    """Return what is there of the kind of a path that is not."""
+    """Return the files of the same type in the folder of a missing path."""
     alike = [name for name in _files(path.parent) if Path(name).suffix == path.suffix]
     folder = path.parent.resolve().name
     if not alike:

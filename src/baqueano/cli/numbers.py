@@ -1,4 +1,4 @@
-"""Numbers on the command line: finite and in their range, or refused in one sentence."""
+"""Parse numbers on the command line: finite and in their range, or refused with one sentence."""
 
 import math
 from typing import Any
@@ -10,7 +10,7 @@ from baqueano.errors import UsageError
 
 
 class Number(click.ParamType):
-    """A finite number of `unit` from `low` (without it, if `above`) to `high`."""
+    """A finite number of `unit` from `low` to `high`; `low` itself is excluded if `above`."""
 
     name = "number"
 
@@ -20,7 +20,7 @@ class Number(click.ParamType):
         self.range = f"{'>' if above else '≥'} {low:g}{upper} [{unit}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the typed number; refuse other text and numbers outside the range."""
+        """Return the typed number. Raise UsageError for other text and numbers outside the range."""
         try:
             x = float(value)
         except ValueError:

@@ -1,4 +1,4 @@
-"""Options that several verbs share, and what they stand for."""
+"""Define options that several verbs share, and the functions that evaluate them."""
 
 from collections.abc import Callable
 from functools import reduce
@@ -61,7 +61,7 @@ class GroupedCommand(click.Command):
         self.groups = groups
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options heading by heading, those of no group last."""
+        """Write the options heading by heading, the options without a group last."""
         shown_options = [option for option in self.get_params(ctx) if isinstance(option, click.Option)]
         records = {
             option.name: record
@@ -75,7 +75,7 @@ class GroupedCommand(click.Command):
 
 
 def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Several options as one decorator, in the order in which --help shows them."""
+    """Return several options as one decorator, in the order in which --help shows them."""
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
 
 
@@ -108,7 +108,7 @@ robot = click.option(
 
 
 def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
-    """The vehicle file that is meant, with what the command line changes; says what is in force."""
+    """Return the vehicle file of the command line with its changes; print which file and changes are in force."""
     from baqueano.vehicle_file import load
 
     if name is None:
@@ -125,13 +125,15 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
 
 
 def measured(file: "VehicleFile", robot: str) -> bool:
-    """True where the model is that of what is driven: of a fit, or of the garage in its own simulation."""
+    """Return True if the model was fitted, or is a garage vehicle in its own simulation."""
     return not file.guessed or (file.path is None and robot in ("simulated", "emulated"))
 
 
 def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
-    """Say what to type first where nobody measured the model. A vehicle of the garage is its own truth in a
-    simulation, and needs no advice there."""
+    """Print the commands to type first if the model was not measured.
+
+    A garage vehicle is its own truth in a simulation, and needs no advice there.
+    """
     if measured(file, robot):
         return
     vehicle_options, robot_options = naming(file), [] if robot == "simulated" else ["--robot", robot]
@@ -146,7 +148,7 @@ def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
 
 
 def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
-    """Return the options by which the next command takes the same vehicle, and the same folder of runs."""
+    """Return the options with which the next command uses the same vehicle, and the same folder of runs."""
     name = file.layers[0].removeprefix("garage: ")
     if file.path is not None:
         name = str(file.path.relative_to(here) if file.path.is_relative_to(here := Path.cwd()) else file.path)
@@ -155,8 +157,10 @@ def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
 
 
 def naming_own(folder: str, run: "Run | None" = None) -> list[str]:
-    """Return the same options where a run alone is known, and not its vehicle file; a `run` that holds one brings it
-    to a replay."""
+    """Return the same options if only a run is known, without its vehicle file.
+
+    A `run` that contains a vehicle file needs no option for a replay.
+    """
     vehicle = [] if OWN_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
     return vehicle + _runs_in(folder)
 
@@ -166,7 +170,7 @@ def _runs_in(folder: str) -> list[str]:
 
 
 def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:
-    """Say what to type where an estimator of these runs errs more than it says."""
+    """Print the command to type if an estimator of these runs has larger errors than it states."""
     for comparison, run in zip(compared.runs, runs, strict=True):
         if comparison.too_sure:
             inside = run.path is None or run.path.parent == Path(folder)
@@ -175,7 +179,7 @@ def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], f
 
 
 def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
-    """The vehicle file of the simulated or emulated robot that is driven, which "simulated:FILE" or the file names."""
+    """Return the vehicle file of the simulated or emulated robot, named by "simulated:FILE" or by the file."""
     from baqueano.vehicle_file import load
 
     _, _, truth_path = robot.partition(":")
@@ -183,7 +187,10 @@ def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
 
 
 def run_path(out: Path | None, folder: str, label: str) -> Path:
-    """The file a new run goes to: ask for it last, when nothing else can be wrong any more."""
+    """Return the file for a new run.
+
+    Call it last, after all checks, as it reserves a name. Raise FileError if `out` exists.
+    """
     from baqueano.errors import FileError
     from baqueano.runs.folder import claim, release
 
@@ -197,7 +204,10 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
 
 
 def find_route(name: str) -> "Route":
-    """The stored route: `lab` is routes/lab.csv; anything with an ending is a path."""
+    """Return the stored route: `lab` is routes/lab.csv; a name with an ending is a path.
+
+    Raise FileError if it is missing.
+    """
     from baqueano.errors import FileError
     from baqueano.runs.route_file import read_route
 
@@ -216,12 +226,15 @@ def find_route(name: str) -> "Route":
 
 
 def route_path(name: str) -> Path:
-    """`lab` is routes/lab.csv; anything with an ending is a path."""
+    """Return the path of a route: `lab` is routes/lab.csv; a name with an ending is a path."""
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 
 def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | None:
-    """`kind` of --estimator, --guide or --controller, which can be loaded; `file` is None without one."""
+    """Return `kind` of --estimator, --guide or --controller, if it can be loaded.
+
+    `file` is None without a vehicle file. Raise FileError for a block that cannot be loaded.
+    """
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
 
@@ -241,8 +254,8 @@ def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | 
     return kind
 
 
-def ended(run: "Run", path: Path) -> None:
-    """Raises what stopped a drive, if something did; the run is on disk."""
+def raise_stop(run: "Run", path: Path) -> None:
+    """Raise the error of a stopped drive; its run is on disk."""
     from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
@@ -258,14 +271,14 @@ def ended(run: "Run", path: Path) -> None:
 
 
 def warned(run: "Run") -> None:
-    """Tell what a run says of its model and noise, and the sensors that were degraded."""
+    """Print the warnings of a run about its model and noise, and about degraded sensors."""
     for event in run.events:
         if event.source in ("drive", "model", "sensors") and event.level == "warning":
             talk(note("cli.warning", cause=event.diagnostic or event.text))
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
-    """The runs of those names, numbers or paths; `last` is the newest, `3-28` and `trial*` are several."""
+    """Return the runs of these names, numbers or paths; `last` is the newest, `3-28` and `trial*` select several."""
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all
 
@@ -277,7 +290,7 @@ def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
 
 
 def kept(vehicle: "VehicleFile", update: bool) -> None:
-    """Save a changed vehicle file where it came from, or say how."""
+    """Save a changed vehicle file to its path, or print the option that saves it."""
     if not update:
         talk(note("cli.not-kept"))
         return

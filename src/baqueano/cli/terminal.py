@@ -1,5 +1,7 @@
-"""Text for people and figures for machines: results on stdout, talk on stderr, any encoding, and nothing but letters:
-a control character in the words of a robot or a file is shown by its code (printable.py)."""
+"""Print text for people and figures for programs: results on stdout, messages on stderr, in any encoding.
+
+A control character in the text of a robot or a file is printed as its code (printable.py).
+"""
 
 import codecs
 import errno
@@ -23,8 +25,8 @@ from baqueano.printable import one_line, printable
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-answered: list[str] = []  # JSON that this command printed: an error after it prints no second object
-EVERY_S = 30.0  # seconds between the lines of work that nobody looks at
+answered: list[str] = []  # JSON that this command printed; a later error then prints no second object
+EVERY_S = 30.0  # seconds between the progress lines of work without a terminal
 _LETTERS = {
     "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "η": "eta", "μ": "mu", "ν": "nu", "π": "pi",
     "ρ": "rho", "σ": "sigma", "Σ": "Sigma", "τ": "tau", "φ": "phi", "χ": "chi", "ψ": "psi", "ω": "omega",
@@ -41,7 +43,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 
 
 def plain_letters(*streams: TextIO) -> None:
-    """Print psi where the terminal's encoding lacks ψ: never fail over a letter."""
+    """Replace letters that the terminal's encoding lacks, such as ψ by psi, so that printing does not fail."""
     codecs.register_error("baqueano", _spell)
     for stream in streams:
         reconfigure = getattr(stream, "reconfigure", None)
@@ -50,12 +52,12 @@ def plain_letters(*streams: TextIO) -> None:
 
 
 def talk(message: Diagnostic | str) -> None:
-    """A line for the person who waits; never part of the result."""
+    """Print a line for the user who waits; it is not part of the result."""
     _print(text(message), sys.stderr)
 
 
 def tell(message: Diagnostic | str) -> None:
-    """A result, on stdout. A reader that has gone away (`| head`, a terminal that hung up) does not end the work."""
+    """Print a result on stdout. A reader that has ended (`| head`, a terminal that hung up) does not end the work."""
     _print(text(message), sys.stdout)
 
 
@@ -76,8 +78,11 @@ def _print(line: str, stream: TextIO) -> None:
 def answer(
     result: Any, as_json: bool, more: list["TableRow"] | None = None, **beside: list["TableRow"]
 ) -> None:
-    """Print a result: its table for people, or one JSON object. The object has `rows`, `more` after them, `verdict`,
-    `reasons` where the result has them, and rows of another kind `beside`."""
+    """Print a result: its table for people, or one JSON object.
+
+    The object has `rows`, followed by the rows `more`, `verdict`, `reasons` if the result has them, and the rows
+    `beside`.
+    """
     if not as_json:
         tell(result.table())
         return
@@ -94,7 +99,7 @@ def answer(
 
 
 def _finite(row: "TableRow") -> "JsonObject":
-    """NumPy numbers as Python's; NaN and infinity, which JSON has not, as null."""
+    """Return a row with NumPy numbers as Python's, and with null for NaN and infinity, which JSON does not have."""
     import numpy as np
 
     def plain(value: object) -> Any:
@@ -110,13 +115,13 @@ def _finite(row: "TableRow") -> "JsonObject":
 
 
 def watched() -> bool:
-    """Return True if a person looks at stderr."""
+    """Return True if stderr is a terminal."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
 @contextmanager
 def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], None]]:
-    """A bar on stderr for anything that takes long; silent when nobody looks.  Yields advance(n)."""
+    """Show a bar on stderr for long work, if stderr is a terminal; yield advance(n)."""
     if not watched():
         yield lambda n: None
         return
@@ -126,7 +131,7 @@ def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], N
 
 @contextmanager
 def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr that follows the time of a run [s]; `duration_s` 0: no end is known."""
+    """Show a bar on stderr that follows the time of a run [s]; `duration_s` 0 means an unknown end. Yield show(t_s)."""
     done_tenths = 0
     if duration_s <= 0.0:
         yield lambda t_s: _rewrite(text(note("cli.clocked", label=label, t_s=t_s))) if watched() else None
@@ -144,8 +149,10 @@ def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[fl
 
 
 class Say:
-    """Report the progress of the work, in place of the last report; return True once Ctrl-C was pressed, which asks for
-    the result so far. From the first call on Ctrl-C is kept for that; a second one ends the work at once."""
+    """A function that replaces the last progress report, and returns True once Ctrl-C requested the result so far.
+
+    From the first call on Ctrl-C has this meaning; a second one ends the work at once.
+    """
 
     def __init__(self) -> None:
         self.text, self.stopped = "", False
@@ -167,15 +174,17 @@ class Say:
             talk(self.text)
 
     def done(self) -> None:
-        """Gives Ctrl-C back."""
+        """Restore the previous handler of Ctrl-C."""
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)
 
 
 @contextmanager
 def busy(label: Diagnostic | str) -> Iterator[Say]:
-    """A line on stderr for work whose end is not known; a person who looks sees the seconds pass, and what the
-    work says of itself; where nobody does, a line of it stands every EVERY_S.  Yields say(text)."""
+    """Show a line on stderr for work of unknown duration; yield say(text).
+
+    On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed every EVERY_S.
+    """
     say, person, label = Say(), watched(), text(label)
     start, end_event = time.monotonic(), threading.Event()
 
@@ -199,7 +208,7 @@ def busy(label: Diagnostic | str) -> Iterator[Say]:
 
 @contextmanager
 def steps() -> Iterator[Callable[[Diagnostic | str], Say]]:
-    """Work in steps, each with its line on stderr.  Yields begin(label), which gives the say(text) of the step."""
+    """Show a line on stderr for each step of the work. Yield begin(label), which returns the say(text) of the step."""
     with ExitStack() as step:
 
         def begin(label: Diagnostic | str) -> Say:
@@ -210,7 +219,7 @@ def steps() -> Iterator[Callable[[Diagnostic | str], Say]]:
 
 
 def _rewrite(line: str) -> None:
-    """The line in place of the one before it, on a terminal; what does not fit into its width is left out."""
+    """Replace the previous line on a terminal, cut to its width."""
     if watched():
         import shutil  # it loads bz2 and lzma, for which --help does not wait
 

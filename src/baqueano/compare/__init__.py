@@ -1,4 +1,4 @@
-"""Runs → errors and consistency: how far off, and did the filter know it.
+"""Compare runs: errors of the estimate and of the vehicle, and the consistency of the filter.
 
 compare(runs).table()      # ATE, RPE, across the path, NEES, NIS with their χ² bands
 """

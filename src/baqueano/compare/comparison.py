@@ -1,9 +1,8 @@
-"""Runs → figures: how far each estimate and each vehicle was off, and whether the filter knew it.
-
+"""Compare runs by the errors of estimate and vehicle, and by the consistency of the filter.
 One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference, how evenly
-it drove (evenness.py); NEES and NIS (filter_consistency.py), where it may be at the end (corridor.py). What a run does
-not hold is not known (NaN), never 0. With two runs or more of the same route, each row also says how far that run's
-vehicle was from the first run's path.
+it drove (evenness.py), NEES and NIS (filter_consistency.py), and its corridor at the end (corridor.py). A figure that
+a run does not contain is NaN, never 0. With two or more runs of the same route, each row also contains the distance
+of that run's vehicle from the first run's path.
 """
 
 from collections.abc import Sequence
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Path(NamedTuple):
-    """Distances from a path, over a run."""
+    """The distances of a vehicle from a path, over a run."""
 
     rms_m: float
     p95_m: float
@@ -46,7 +45,7 @@ UNKNOWN = Path(float("nan"), float("nan"), float("nan"))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunComparison:
-    """The measures of a run."""
+    """The error and consistency figures of a run."""
 
     name: str
     duration_s: float
@@ -58,35 +57,35 @@ class RunComparison:
     yaw_rate_error_rad_s: float
     end_error_m: float  # estimate against truth at the last time that both have
     across_true: Path  # the vehicle across its reference, by the truth
-    across_estimate: Path  # the same, by what the estimator believed
+    across_estimate: Path  # the same, by the estimate
     across_first: Path  # the vehicle across the path of the first run
     pace_true: "Pace"  # the forward speed against its reference's, by the truth
-    pace_estimate: "Pace"  # the same, by what the estimator believed
+    pace_estimate: "Pace"  # the same, by the estimate
     sign_changes_per_s: float  # of the forward command that was sent
-    at_limit: float  # share of ticks at which a command that was sent, or a wheel, stands at its limit
+    at_limit: float  # share of ticks at which a sent command, or a wheel, is at its limit
     consistency: FilterConsistency
-    corridor: Corridor | None  # None: the estimator says nothing of its pose
-    diverged_s: float  # from when on the estimate is lost for good; NaN: never
-    no_covariance: NoCovariance | None  # None: the covariance is one at every tick
+    corridor: Corridor | None  # None: the estimator does not report a covariance of the pose
+    diverged_s: float  # time from which the estimate has diverged; NaN: never
+    no_covariance: NoCovariance | None  # None: the covariance is valid at every tick
     refusals: tuple[
         Refusals, ...
-    ] = ()  # how often the estimator refused each number; none: it does not count
+    ] = ()  # how often the estimator refused each number; empty: it does not count refusals
     laps: tuple[DriveLap, ...] = ()  # of a route that comes back
 
     @property
     def verdict(self) -> str:
-        """Return how the estimated errors agree with the real ones: by NEES where there is truth, else by NIS."""
+        """Return the consistency of the estimate: by NEES if the truth is known, else by NIS."""
         if np.isfinite(self.diverged_s):
             return DIVERGED
         return self.consistency.verdict if self.no_covariance is None else NOT_DEFINITE
 
     @property
     def too_sure(self) -> bool:
-        """Return True where the estimate errs more than its covariance says."""
+        """Return True if the estimate errs more than its covariance predicts."""
         return self.verdict == "too sure"
 
     def row(self) -> "JsonObject":
-        """Flat, for a machine; SI."""
+        """Return a flat row in SI units for machine use."""
         row: TableRow = {"run": self.name, "duration_s": self.duration_s}
         for name in ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s"):
             row[name] = getattr(self, name)
@@ -102,7 +101,7 @@ class RunComparison:
         return row | corridor_row(self.corridor)
 
     def lines(self) -> list[str]:
-        """Return the run in short: its errors that are known [cm rms], and its sentences."""
+        """Return a short text of the run: its known errors [cm rms], and its sentences."""
         errors = (
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
@@ -115,7 +114,7 @@ class RunComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Return when the estimate diverged, the corridor at the end, and the consistency of the filter."""
+        """Return the time of divergence if the estimate diverged, else laps, corridor at the end and consistency."""
         if np.isfinite(self.diverged_s):
             return (text(note("compare.diverged", t_s=self.diverged_s)),)
         if self.no_covariance is not None:
@@ -124,7 +123,7 @@ class RunComparison:
         return (*self._of_laps(), *own, self.consistency.sentence)
 
     def _of_laps(self) -> tuple[str, ...]:
-        """Return how the laps went, of more than one."""
+        """Return a sentence on the laps if there were at least two, else an empty tuple."""
         if len(self.laps) < 2:
             return ()
         first, last, worst = self.laps[0], self.laps[-1], max(self.laps, key=lambda lap: lap.max_m)
@@ -152,7 +151,7 @@ class Comparison(Result):
     over_s : float
         Span of the relative error.
     of_drives : bool
-        False where a replay is among them: the vehicle then drove by another estimate.
+        False if one of the runs is a replay: its vehicle then drove by another estimate.
 
     Examples
     --------
@@ -171,16 +170,16 @@ class Comparison(Result):
         return shortened([], rows, [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row per run."""
+        """Return a flat row for each run."""
         return [run.row() for run in self.runs]
 
     def laps(self) -> list["TableRow"]:
-        """Return a flat row per lap of each run, for routes that come back."""
+        """Return a flat row for each lap of each run, for routes that return to their beginning."""
         return [{"run": run.name, **lap.row()} for run in self.runs for lap in run.laps]
 
     @property
     def verdict(self) -> Verdict:
-        """CONSISTENT, INCONSISTENT with reasons, CANNOT TELL of some run, or NOT REPORTED."""
+        """Return CONSISTENT, INCONSISTENT with reasons, CANNOT TELL if a run is undecided, or NOT REPORTED."""
         if self.reasons:
             return Verdict.INCONSISTENT
         verdicts = {run.verdict for run in self.runs} - {"not reported"}
@@ -190,7 +189,7 @@ class Comparison(Result):
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return which run is inconsistent, and how."""
+        """Return a warning for each inconsistent run, with its verdict."""
         return tuple(
             note("compare.inconsistent", Severity.WARNING, subject=run.name, how=run.verdict)
             for run in self.runs
@@ -198,7 +197,7 @@ class Comparison(Result):
         )
 
     def table(self) -> str:
-        """Return the figures, a column per run, then a sentence or two on each, for 80 columns."""
+        """Return the figures with a column for each run, then the sentences on each run, 80 columns wide."""
         sentences = [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
         sentences += [verdict_line(self.verdict, self.reasons), *self._advice()]
         return "\n".join(
@@ -206,7 +205,7 @@ class Comparison(Result):
         )
 
     def _advice(self) -> list[str]:
-        """Return what to change where an estimator does not know its own errors."""
+        """Return advice for each kind of inconsistent covariance that occurred."""
         return [
             text(note(ADVICE[word]))
             for word in dict.fromkeys(run.verdict for run in self.runs)
@@ -221,7 +220,7 @@ def compare(
     skip_s: float = 0.0,
     names: Sequence[str] | None = None,
 ) -> Comparison:
-    """Measure how far each estimate and each vehicle was off, and whether the filter knew it.
+    """Measure the errors of each estimate and vehicle, and the consistency of the filter.
 
     Parameters
     ----------
@@ -234,7 +233,7 @@ def compare(
     skip_s : float
         Seconds to leave out at the start.
     names : sequence of str, optional
-        Names in place of those of the runs.
+        Names that replace those of the runs.
 
     Returns
     -------
@@ -320,43 +319,43 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
 
 
 def _across(log: Any, run: "Run") -> Path:
-    """Positions of a log across the reference of its run, while the guide was not done."""
+    """Return the distances of a log from the reference path of its run, until the guide finished."""
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
         return UNKNOWN
-    if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: nobody asked for a path
+    if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: the run has no reference path
         return UNKNOWN
-    rows = _while_asked(log.t_ns, ref)
+    rows = _until_done(log.t_ns, ref)
     return _path(errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2]))
 
 
 def _pace(log: Any, run: "Run") -> "Pace":
-    """The forward speed of a log against that of the reference of its run, while the guide was not done."""
+    """Compare the forward speed of a log with that of its run's reference, until the guide finished."""
     ref = run.guide_reference
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN
-    k = _while_asked(log.t_ns, ref)
+    k = _until_done(log.t_ns, ref)
     reference_speed = at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
     return evenness.pace(log.t_ns[k], log.nu[k, 0], reference_speed)
 
 
 def _command_figures(run: "Run") -> dict[str, float]:
-    """Return how the sent command (where a run lacks it: the one in force) went, while a guide gave a reference."""
+    """Return the figures of the sent command, or of the applied one if none was logged, until the guide finished."""
     ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
-    k = slice(None) if ref is None or not len(ref.t_ns) else _while_asked(run.t_ns, ref)
+    k = slice(None) if ref is None or not len(ref.t_ns) else _until_done(run.t_ns, ref)
     u = (run.applied if run.sent is None else run.sent)[k]
     changes = evenness.sign_changes(run.t_ns[k], u[:, 0]) if u.size else float("nan")
     return {"sign_changes_per_s": changes, "at_limit": evenness.share_at_limit(u, limits)}
 
 
-def _while_asked(t_ns: np.ndarray, ref: Any) -> np.ndarray:
-    """(N,) bool: the times at which the guide still asked for something."""
+def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
+    """Return (N,) bool: True at the times before the guide finished."""
     over = ref.t_ns[ref.done > 0.0]
     return t_ns <= (over[0] if over.size else ref.t_ns[-1])
 
 
 def _across_run(run: "Run", first: "Run") -> Path:
-    """The vehicle across the path of another run, by time since each began."""
+    """Return the distances of the vehicle from the path of another run, each timed from its own beginning."""
     if run is first:
         return UNKNOWN
     a, b = (r.truth if r.truth is not None else r.estimate for r in (run, first))

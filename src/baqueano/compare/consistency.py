@@ -1,15 +1,15 @@
-"""Consistency of a covariance: errors in their own standard deviations.
-
+"""Consistency of a covariance: errors in units of their standard deviations.
     w_t = L⁻¹ e_t,   P = L Lᵀ;   e = estimate − truth with its heading wrapped, or an innovation, whose P is S    (1)
-    NEES_t or NIS_t = w_tᵀ w_t;   mean d if consistent, d the entries that are known                             (2)
+    NEES_t or NIS_t = w_tᵀ w_t;   mean d if consistent, d the number of known entries                            (2)
     ρ̄ = Σ w_tᵀ w_t / Σ d,   1 if consistent; a consistent filter's lies in  χ²_f(a/2, 1 − a/2) / f               (3)
     f = N (tr Γ_0)² / Σ_k (1 − |k|/N) |Γ_k|²,   Γ_k = mean of w_t w_{t+k}ᵀ, until |Γ_k|² < 0.05 |Γ_0|², then w̄ w̄ᵀ (4)
     l_i = 1 − mean of w_i² + w̄_i²  in place of w̄_i²  unless  w̄_i²/l_i < χ²_1(a)                                  (5)
 
-Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4) f/d counts independent samples of Gaussian errors. They are
-correlated about 0, their known mean: an error that lasts for the whole drive is one sample. Such a draw may be small
-by chance; then ρ̄ < 1 though the filter is right. So what an entry lacks counts as lasting, unless that is improbable
-(5). The interval is the wider of (3) and of a circular block bootstrap (Politis, Romano 1992), blocks of ≥ 2 N d/f.
+Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4), f/d counts independent samples of Gaussian errors. They are
+correlated about 0, their known mean: an error that lasts for the whole drive is one sample. Such an error may be small
+by chance; then ρ̄ < 1 though the filter is right. So the variance that an entry lacks counts as a lasting error,
+unless that is improbable (5). The interval is the wider of (3) and of a circular block bootstrap (Politis, Romano
+1992) with blocks of ≥ 2 N d/f.
 """
 
 from statistics import NormalDist
@@ -21,14 +21,18 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 FALSE_ALARM = 0.05  # a consistent filter is called inconsistent this often
-DRAWS, BLOCKS, LEAST = 400, 200, 5  # of the bootstrap, blocks of a draw, and independent samples for it
-FADED = 0.05  # of |Γ_0|²: a correlation that is smaller is chance
-CLOSE = 1.1  # a variance that is right within this factor is right
-FAR = 1.6  # who cannot tell a variance from one that is off by this factor cannot tell
+DRAWS, BLOCKS, LEAST = (
+    400,
+    200,
+    5,
+)  # draws and blocks of the bootstrap, and the independent samples that it needs
+FADED = 0.05  # of |Γ_0|²: a smaller correlation counts as chance
+CLOSE = 1.1  # a variance within this factor of 1 counts as right
+FAR = 1.6  # the verdict is "cannot tell" if the band is wider than this factor on either side
 
 
 class Band(NamedTuple):
-    """A mean of squared, normalised errors, and where a consistent filter's would lie."""
+    """The mean of normalised squared errors, and the interval that a consistent filter's mean lies in."""
 
     mean: float  # per degree of freedom: 1 if consistent; NaN if nothing was reported
     low: float
@@ -55,7 +59,7 @@ NOT_REPORTED = Band(float("nan"), float("nan"), float("nan"), 0, 0.0)
 def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return w (N, d) of errors (N, d) with covariances (N, d, d).  (1)
 
-    An entry that is not known is left out, as a silent sensor: NaN. A row whose P is singular is NaN."""
+    An entry that is not known, such as a silent sensor, is left out: its w is NaN. A row whose P is singular is NaN."""
     finite, w = (
         np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
         np.full(error.shape, np.nan),
@@ -78,7 +82,7 @@ def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 
 def squared(w: np.ndarray) -> np.ndarray:
-    """Return NEES or NIS (N,) of whitened errors (N, d); NaN where nothing is known.  (2)"""
+    """Return NEES or NIS (N,) of whitened errors (N, d); NaN for a row without a known entry.  (2)"""
     return np.where(np.any(np.isfinite(w), axis=1), np.nansum(w**2, axis=1), np.nan)
 
 
@@ -98,7 +102,7 @@ def band(w: np.ndarray, false_alarm: float = FALSE_ALARM) -> Band:
 
 
 def independent(w: np.ndarray) -> float:
-    """Return the degrees of freedom f of the sum of squares of errors (N, d) with mean 0; NaN: not known.  (4), (5)"""
+    """Return the degrees of freedom f of the sum of squares of errors w (N, d) with mean 0.  (4), (5)"""
     x, count = np.nan_to_num(w), np.maximum(np.sum(np.isfinite(w), axis=0), 1)
     n, power = len(x), float(np.sum(x**2)) / len(x)
     if power == 0.0:
@@ -121,7 +125,7 @@ def independent(w: np.ndarray) -> float:
 
 
 def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Autocorrelation at lag 1 of each innovation in its own deviations, (m,); white: within ±1.96/√N."""
+    """Return the lag-1 autocorrelation (m,) of each normalised innovation; a white one lies within ±1.96/√N."""
     with np.errstate(invalid="ignore"):
         y = innovation / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
     out = np.full(y.shape[1], np.nan)
@@ -133,7 +137,7 @@ def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
 
 def _bootstrap(sums: np.ndarray, entries: np.ndarray, length: int, false_alarm: float) -> tuple[float, float]:
-    """Return the interval of Σ NEES / Σ d by drawing blocks of `length` samples with replacement."""
+    """Return the interval of Σ NEES / Σ d from a bootstrap with blocks of `length` samples."""
     n = len(sums)
     length = min(max(length, 1, n // BLOCKS), max(n // 4, 1))
     first = np.random.default_rng(0).integers(0, n, (DRAWS, n // length))
@@ -149,12 +153,12 @@ def _bootstrap(sums: np.ndarray, entries: np.ndarray, length: int, false_alarm: 
 
 
 def _chi2_of_one(probability: float) -> float:
-    """Return what χ² of one degree of freedom stays below with this probability."""
+    """Return the quantile of χ² with one degree of freedom at `probability`."""
     return NormalDist().inv_cdf(0.5 + 0.5 * probability) ** 2
 
 
 def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
-    """Return the interval that holds χ²_f / f with probability 1 − `false_alarm`."""
+    """Return the interval that contains χ²_f / f with probability 1 − `false_alarm`."""
     try:
         from scipy.stats import chi2
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""The corridor along a path: the 95 % regions of position and heading, by the covariance P that the filter claims.
+"""Corridor along a path: the 95 % regions of position and heading, by the covariance P of the filter.
 
     position   (p − p̂)ᵀ P_p⁻¹ (p − p̂) ≤ χ²₂,  an ellipse of the area π χ²₂ √det P_p                       (1)
     across     ± 1.96 √(nᵀ P_p n),  n to the left of the heading;   heading   ± 1.96 σ_ψ                   (2)
@@ -19,28 +19,28 @@ from baqueano.signals import seconds
 
 LOST_RAD = 0.5
 CHI_SQUARE_95, QUANTILE_95 = 5.991, 1.960
-BACK_M, BACK_RAD = 0.03, 0.15  # a reference this near its first pose has come back to it
+BACK_M, BACK_RAD = 0.03, 0.15  # a reference this close to its first pose has returned to it
 
 
 class Corridor(NamedTuple):
-    """95 % regions along a path, until the vehicle is lost; M ticks."""
+    """The 95 % regions along a path, until the vehicle is lost; M ticks."""
 
     t_s: np.ndarray  # (M,) since the first tick
     eta: np.ndarray  # (M, 3) middle
     across_m: np.ndarray  # (M,) half-width to the left and right of the heading
     area_m2: np.ndarray  # (M,) of the ellipse of the position
     heading_rad: np.ndarray  # (M,) half-width
-    lost_s: float  # since when it is lost; NaN: never
+    lost_s: float  # time from which the vehicle is lost; NaN: never
     lap_s: float  # NaN: no lap was closed
 
     @property
     def sentence(self) -> str:
-        """Return how well the place is known at the end, or since when it is lost."""
+        """Return a sentence with the half-widths at the end, or with the time from which the vehicle is lost."""
         return text(self.message)
 
     @property
     def message(self) -> Diagnostic:
-        """Return the same as a message."""
+        """Return the message of `sentence`."""
         if np.isfinite(self.lost_s):
             if not np.isfinite(self.lap_s):
                 return note("corridor.lost", t_s=self.lost_s)
@@ -52,7 +52,7 @@ class Corridor(NamedTuple):
         return note("corridor.after-time", t_s=float(self.t_s[-1]), within=within)
 
     def at(self, k: int) -> str:
-        """Return the half-widths at one tick, "± 8 cm across, ± 4°"."""
+        """Return the half-widths at one tick, such as "± 8 cm across, ± 4°"."""
         return text(self._within(k))
 
     def _within(self, k: int) -> Diagnostic:
@@ -63,7 +63,7 @@ class Corridor(NamedTuple):
 
 
 def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = float("nan")) -> Corridor:
-    """Return the corridor of poses (N, 3) at times (N,) with covariances (N, k, k), the pose first.  (1), (2)"""
+    """Return the corridor of poses (N, 3) at times (N,); covariances (N, k, k) begin with the pose.  (1), (2)"""
     sd = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
     is_lost = ~(sd <= LOST_RAD)  # NaN is lost too
     m = int(np.argmax(is_lost)) if is_lost.any() else len(t_s)
@@ -76,7 +76,7 @@ def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = f
 
 
 def corridor_of(run: Run) -> Corridor | None:
-    """Return the corridor of a run; None where its filter claims no covariance of the pose."""
+    """Return the corridor of a run, or None if its filter does not report a covariance of the pose."""
     log = run.estimate
     if log is None or not len(log.t_ns) or not np.any(log.cov[:, :3, :3]):
         return None
@@ -84,7 +84,7 @@ def corridor_of(run: Run) -> Corridor | None:
 
 
 def corridor_row(corridor: Corridor | None) -> dict[str, float]:
-    """Return the last half-widths, flat, SI; NaN without a corridor, or once the vehicle is lost."""
+    """Return the last half-widths as a flat row, SI; NaN without a corridor, or if the vehicle is lost."""
     names = ("corridor_across_m", "corridor_area_m2", "corridor_heading_rad")
     if corridor is None:
         return dict.fromkeys((*names, "lost_s"), float("nan"))
@@ -96,7 +96,7 @@ def corridor_row(corridor: Corridor | None) -> dict[str, float]:
 
 
 def _lap_s(run: Run) -> float:
-    """Return after what time the reference came back to where it was first; NaN: never."""
+    """Return the time after which the reference returned to its first pose; NaN: never."""
     ref = run.guide_reference
     if ref is None or len(ref.t_ns) < 2:
         return float("nan")
@@ -107,6 +107,6 @@ def _lap_s(run: Run) -> float:
         return float("nan")
     near = (
         back[0] + 1 + int(np.argmax(np.append(away[back[0] + 1 :], True)))
-    )  # on the mark from here to there
+    )  # near the first pose from back[0] + 1 to here
     k = back[0] + 1 + int(np.argmin(np.hypot(*off[back[0] + 1 : near, :2].T)))
     return float(seconds(ref.t_ns[k], ref.t_ns[0]))

@@ -1,8 +1,8 @@
 """Forecast of the corridor of a route, before it is driven.
 
 The vehicle of the file drives the route in simulation, without noise, with its own controller and estimator. The
-covariance of the estimator along that drive is the forecast: it holds noise, biases and scales as the file has them.
-A vehicle that is not the one of the file drives farther off; the forecast knows nothing of that.
+covariance of the estimator along that drive is the forecast: it contains noise, biases and scales of the file. A
+vehicle that differs from the file drives farther off; the forecast does not include that.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class CorridorAhead(Result):
     Attributes
     ----------
     corridor : Corridor
-        Half widths with 95 % probability, tick by tick.
+        Half-widths with 95 % probability at each tick.
     laps : int
         Number of laps.
     lap_s : float
@@ -48,11 +48,11 @@ class CorridorAhead(Result):
 
     @property
     def verdict(self) -> str:
-        """KNOWN, or LOST where the heading is a guess before the end."""
+        """Return LOST if the vehicle is lost before the end (σ_ψ too large), else KNOWN."""
         return "LOST" if np.isfinite(self.corridor.lost_s) else "KNOWN"
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per lap, SI; NaN where the vehicle is lost."""
+        """Return one flat row per lap, SI; NaN if the vehicle is lost by its end."""
         out = []
         for lap in range(1, self.laps + 1):
             row = {"lap": lap, "t_s": lap * self.lap_s}
@@ -62,7 +62,7 @@ class CorridorAhead(Result):
         return out
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the corridor at the end of each lap, and the verdict, as text."""
         lines = []
         for lap in range(1, self.laps + 1):
             k = self._tick(lap)
@@ -78,7 +78,7 @@ class CorridorAhead(Result):
         return "\n".join([*lines, f"{_(self.verdict)}: {self.corridor.sentence}"])
 
     def _tick(self, lap: int) -> int | None:
-        """The tick at which a lap ends; None where the vehicle is lost by then."""
+        """Return the tick at which a lap ends; None if the vehicle is lost by then."""
         if self.corridor.lost_s <= lap * self.lap_s:
             return None
         return min(int(np.searchsorted(self.corridor.t_s, lap * self.lap_s)), len(self.corridor.t_s) - 1)
@@ -87,7 +87,7 @@ class CorridorAhead(Result):
 def corridor_ahead(
     vehicle_file: "VehicleFile", route: "Route", laps: int = 1, backend: str = "auto"
 ) -> CorridorAhead:
-    """Return the corridor that the vehicle will claim on a route, before it drives there.
+    """Predict the 95 % corridor of a vehicle on a route, before it drives there.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def corridor_ahead(
     Raises
     ------
     AnswerNo
-        Where the estimator of the file reports no covariance of the pose.
+        If the estimator of the file does not report a covariance of the pose.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""When an estimate is lost for good, and whether its covariance is one.
+"""Find the time at which an estimate diverges, and the ticks at which its covariance is not valid.
 
-diverged   |p − p*| > FAR · max(1 m, size of the true path),  or without a truth  |p − p₀| > FASTEST · t      (1)
-a covariance P has eigenvalues λ ≥ −ROUNDING max |λ|                                                          (2)
+diverged   |p − p*| > FAR · max(1 m, size of the true path),  or without a truth  |p − p₀| > FASTEST_M_S (t + 1 s)  (1)
+a valid covariance P has eigenvalues λ ≥ −ROUNDING max |λ|                                                          (2)
 """
 
 from dataclasses import replace
@@ -19,15 +19,15 @@ ROUNDING = 1e-9  # of the largest eigenvalue
 
 
 class NoCovariance(NamedTuple):
-    """Return the ticks of a run with an invalid covariance."""
+    """The ticks of a run at which the covariance is not valid."""
 
     ticks: int
     of: int
-    from_s: float  # the first of them
+    from_s: float  # time of the first of them
 
 
 def diverged_s(run: Run) -> float:
-    """Return from when on the estimate of a run is lost for good, since its begin [s]; NaN where it never is.  (1)"""
+    """Return the time since the beginning of a run at which its estimate diverged [s]; NaN if it never did.  (1)"""
     log = run.estimate
     if log is None or not len(log.t_ns):
         return float("nan")
@@ -46,7 +46,7 @@ def diverged_s(run: Run) -> float:
 
 
 def until_diverged(run: Run) -> Run:
-    """Return the run with the estimate until it diverged."""
+    """Return the run with its estimate cut at the time of divergence."""
     log, at_s = run.estimate, diverged_s(run)
     if log is None or not at_s > 0.0:
         return run
@@ -55,7 +55,7 @@ def until_diverged(run: Run) -> Run:
 
 
 def no_covariance(run: Run) -> NoCovariance | None:
-    """Return at which ticks the covariance of (η, ν) is not positive semidefinite; None where it always is.  (2)"""
+    """Return the ticks at which the covariance of (η, ν) is not positive semidefinite, or None without any.  (2)"""
     log = run.estimate
     if log is None or not len(log.t_ns):
         return None

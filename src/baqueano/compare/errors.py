@@ -1,15 +1,15 @@
-"""Errors of a trajectory against another: absolute, relative, and across a path.
+"""Errors of a trajectory against another one: absolute, relative, and across a path.
 
     ATE     √ mean |A p − p*|²,  heading √ mean wrap(ψ + a − ψ*)²;  A the alignment, a its angle           (1)
     RPE     E_i = (T*_i⁻¹ T*_{i+Δ})⁻¹ (T_i⁻¹ T_{i+Δ}),   √ mean |trans E_i|²,   √ mean angle(E_i)²         (2)
-    cross-track   the distance from a position to the nearest place of the reference path, left positive   (3)
+    cross-track   the distance from a position to the nearest point of the reference path, left positive   (3)
 
 p, ψ is the estimate, p*, ψ* the truth at the same times, T the pose as a rigid transform of the plane. Sturm et al.
-2012 for (1) and (2), as the tool `evo` computes them: alignment is rigid, without scale. (3) searches within
-`window_s` of the time of the reference alone: a path that crosses itself is not mistaken for its other branch.
+2012 for (1) and (2), as the tool `evo` computes them: the alignment is rigid, without scale. (3) searches only within
+`window_s` of the time of the reference. So the other branch of a path that crosses itself is not taken by mistake.
 
-A position error without heading hides a filter that is lucky; report both. Usually you want RPE for an estimator that
-has only an IMU, and ATE where something fixes the pose.
+A small position error alone may come from a lucky filter: report the heading error too. Usually RPE fits an estimator
+that has only an IMU, and ATE one whose pose is fixed by a sensor.
 """
 
 from typing import NamedTuple
@@ -25,15 +25,15 @@ NANOSECONDS = 1e9
 
 
 class PoseErrors(NamedTuple):
-    """Errors of poses at N times."""
+    """The errors of poses at N times."""
 
     position_m: np.ndarray  # (N,) distance, never negative
     heading_rad: np.ndarray  # (N,) wrapped, signed
 
 
 def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> np.ndarray:
-    """`eta` (N, 3) laid onto `eta_true` (N, 3): not, by the first pose, or by all positions, which asks for no heading.
-    UsageError where it is to be laid on by the first pose and no true heading is known."""
+    """Return `eta` (N, 3) aligned to `eta_true` (N, 3): unchanged, by the first pose, or by all positions ("rigid").
+    "rigid" needs no true heading. Raise UsageError for "start" if no true heading is known."""
     if alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", found=alignment, known=ALIGNMENTS))
     finite = np.isfinite(eta) & np.isfinite(eta_true)
@@ -53,13 +53,13 @@ def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> n
 
 
 def absolute(eta: np.ndarray, eta_true: np.ndarray) -> PoseErrors:
-    """Errors of poses (N, 3), already aligned.  (1)"""
+    """Return the errors of poses (N, 3) that are already aligned.  (1)"""
     d = eta - eta_true
     return PoseErrors(np.hypot(d[:, 0], d[:, 1]), wrap(d[:, 2]))
 
 
 def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: float = 1.0) -> PoseErrors:
-    """Errors of the motion over `over_s` from each time that has a later partner, (M,).  (2)"""
+    """Return the errors (M,) of the motion over `over_s`, from each time that has a sample `over_s` later.  (2)"""
     span = round(over_s * NANOSECONDS)
     later = np.searchsorted(t_ns, t_ns + span)
     first = np.flatnonzero(later < len(t_ns))
@@ -77,12 +77,12 @@ def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: fl
 def cross_track(
     t_ns: np.ndarray, xy: np.ndarray, ref_ns: np.ndarray, ref_xy: np.ndarray, window_s: float = 2.0
 ) -> np.ndarray:
-    """Signed distance (N,) [m] of positions `xy` (N, 2) from the path `ref_xy` (K, 2), left positive.  (3)"""
+    """Return the signed distance (N,) [m] of points `xy` (N, 2) from the path `ref_xy` (K, 2), left positive.  (3)"""
     if len(ref_xy) < 2:
         raise UsageError(fault("compare.reference-short", points=len(ref_xy)))
     reach = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))
     middle = np.clip(np.searchsorted(ref_ns, t_ns), 0, len(ref_ns) - 1)
-    thin = max(1, reach // 100)  # at most about 200 segments are looked at for a position
+    thin = max(1, reach // 100)  # at most about 200 segments are searched for a position
     spread = np.arange(-reach, reach + thin, thin)
     out = np.empty(len(t_ns))
     for i in range(0, len(t_ns), 4096):
@@ -92,13 +92,13 @@ def cross_track(
 
 
 def rms(x: np.ndarray) -> float:
-    """Return the root mean square of the finite values; NaN without any."""
+    """Return the root mean square of the finite values, or NaN without any."""
     finite = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 
 
 def _nearest(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Signed distance (N,) from xy (N, 2) to the nearest of the segments between corners (N, s, 2)."""
+    """Return the signed distance (N,) from xy (N, 2) to the nearest segment between corners (N, s, 2)."""
     a, d = corners[:, :-1], np.diff(corners, axis=1)
     r = xy[:, None] - a
     length2 = np.sum(d * d, axis=2)
@@ -120,7 +120,7 @@ def _rotate(xy: np.ndarray, angle: float) -> np.ndarray:
 
 
 def _relative_pose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
-    """T_a⁻¹ T_b of poses (N, 3), (N, 3)."""
+    """Return the relative poses T_a⁻¹ T_b of poses (N, 3) and (N, 3)."""
     d = eta_b[:, :2] - eta_a[:, :2]
     c, s = np.cos(eta_a[:, 2]), np.sin(eta_a[:, 2])
     return np.column_stack(

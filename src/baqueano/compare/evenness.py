@@ -1,4 +1,4 @@
-"""Evenness of a drive: its forward speed against the wanted one, and its commands.
+"""Evenness of a drive: its forward speed compared with that of the reference, and its commands.
 
 With ν_x the forward speed, ν_r that of the reference, e = ν_x − ν_r, all after the first `AFTER_S`:
 
@@ -7,10 +7,10 @@ With ν_x the forward speed, ν_r that of the reference, e = ν_x − ν_r, all 
     sign changes of the forward command per second, where |u_x| > dead band                              (3)
     at a limit   the share of ticks with |u_i| ≥ limit_i, or |w_k| ≥ limit of channel k,  w = mix(u)     (4)
 
-(1) blames a vehicle for a wrong model too: 10 % of a dead zone are 15 % of speed. (2) leaves a steady error out and
-keeps what one sees: a stutter. Where the asked speed is steady, e − ē is the speed about its own 1 s mean. A stutter of
-1.4 Hz, the worst, counts 1.22 times in (2), one of 5 Hz or more as much as in (1).
-Arrays in, numbers out; what is not known is NaN.
+(1) also grows with a wrong model: a dead zone wrong by 10 % gives 15 % of speed error. (2) excludes a steady error
+and keeps a visible stutter. If the reference speed is steady, e − ē is the speed about its own 1 s mean. A stutter of
+1.4 Hz, the worst case, counts 1.22 times in (2), one of 5 Hz or more as much as in (1).
+Input: arrays; output: numbers. An unknown figure is NaN.
 """
 
 import tomllib
@@ -22,22 +22,22 @@ from baqueano.compare.errors import rms
 from baqueano.signals import NANOSECONDS, seconds
 from baqueano.vehicles.drivetrain import MIXINGS, mix
 
-AFTER_S = 1.0  # a vehicle that begins at rest needs it to reach its speed
+AFTER_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
 OVER_S = 1.0  # of the mean in (2)
 DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller one does not count
-AT_LIMIT = 1.0 - 1e-9  # of a limit: what was scaled down to it may be off by a rounding
+AT_LIMIT = 1.0 - 1e-9  # of a limit: a command scaled down to it may differ by rounding
 
 
 class Pace(NamedTuple):
-    """The errors of a speed against the wanted one."""
+    """The errors of the forward speed against that of the reference."""
 
     error_m_s: float  # rms
-    error: float  # the same, in parts of the mean asked speed  (1)
+    error: float  # the same, divided by the mean reference speed  (1)
     uneven: float  # (2)
 
 
 class Limits(NamedTuple):
-    """The range of the commands of a vehicle."""
+    """The limits of the commands of a vehicle, and of the channels behind its mixing."""
 
     command: np.ndarray  # (n,) of each entry; inf: no limit; 0: the entry is not used
     mixing: str = "none"
@@ -48,9 +48,9 @@ UNKNOWN = Pace(float("nan"), float("nan"), float("nan"))
 
 
 def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: float = AFTER_S) -> Pace:
-    """Return (1) and (2) of a forward speed (N,) against the `speed_ref` one (N,) at the same times [m/s].
+    """Return (1) and (2) of a forward speed (N,) against the reference speed (N,) at the same times [m/s].
 
-    The first `after_s` seconds are left out. NaN where no speed was asked for: it was not a drive along a route.
+    The first `after_s` seconds are left out. NaN if the reference speed is always 0: that is not a drive along a route.
     """
     if not len(t_ns):
         return UNKNOWN
@@ -64,7 +64,7 @@ def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: fl
 
 
 def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.ndarray:
-    """Return x (N,) minus its centred mean over `over_s`; NaN where the span reaches beyond either end."""
+    """Return x (N,) minus its centred mean over `over_s`; NaN if the span reaches beyond either end."""
     half = round(0.5 * over_s * NANOSECONDS)
     first, last = np.searchsorted(t_ns, t_ns - half), np.searchsorted(t_ns, t_ns + half, side="right")
     finite = np.isfinite(x)
@@ -78,8 +78,8 @@ def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.nd
 def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
     """Return how often per second the forward command (N,) changes its sign.  (3)
 
-    Within ± `DEAD_BAND` of the largest command of the drive its sign counts as zero: a pause, or noise around exactly
-    0, is not a change, and forwards, 0, forwards is not one either; forwards, 0, backwards is one.
+    A command within ± `DEAD_BAND` of the largest command of the drive counts as zero, so a pause or noise around 0 is
+    not a change. Forwards, 0, forwards is not a change either; forwards, 0, backwards is one.
     """
     finite = np.isfinite(forward)
     t_ns, forward = t_ns[finite], forward[finite]
@@ -91,9 +91,9 @@ def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
 
 
 def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
-    """Return (N,), 1.0 where a command u (N, n) stands at a limit, 0.0 where none does, NaN where u is silent.  (4)
+    """Return (N,): 1.0 if the command u (N, n) reaches a limit, 0.0 if not, NaN if u is not known.  (4)
 
-    Two wheels are judged besides the command: u_x and u_ψ may each be within their limits, and a wheel at its own.
+    The two wheels are checked too: u_x and u_ψ may each be within their limits while a wheel reaches its own.
     """
     w = np.abs(mix(limits.mixing, u.T)).T
     full = np.any(_reaches(np.abs(u), limits.command), axis=1) | np.any(_reaches(w, limits.channel), axis=1)
@@ -101,7 +101,7 @@ def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
 
 
 def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
-    """Return the share of ticks at which a command u (N, n) stands at a limit; NaN without limits of its size.  (4)"""
+    """Return the share of ticks at which a command u (N, n) reaches a limit; NaN without limits of its size.  (4)"""
     if limits is None or u.shape[1] != len(limits.command):
         return float("nan")
     full = at_limit(u, limits)
@@ -110,9 +110,9 @@ def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
 
 
 def limits_of(vehicle_text: str) -> Limits | None:
-    """Return the limits that the text of a vehicle file gives; None where it is empty or does not say them.
+    """Return the limits from the text of a vehicle file; None if the text is empty or does not contain them.
 
-    Two tables are read and no block is built: judging a stranger's run runs none of his code.
+    Only two tables are read and no block is built, so the comparison of a run does not execute code from its file.
     """
     try:
         data = tomllib.loads(vehicle_text)

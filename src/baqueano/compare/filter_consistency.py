@@ -1,8 +1,8 @@
 """Consistency of a filter: NEES per state and joint, NIS per channel and joint, and one sentence.
 
-The sentence is by the joint NEES of pose and velocity where there is truth; that of a pose which nothing bounds has
-too few samples, and says so. Where one of them cannot tell, the NIS may still tell too sure or too cautious. Together
-they err in FALSE_ALARM of cases: each has its part of it.
+If the truth is known, the sentence reports the joint NEES of pose and velocity. A pose that no sensor bounds gives too
+few samples, and the sentence states so. If a NEES cannot tell, the NIS may still show too sure or too cautious. The
+false alarm rate of all of them together is FALSE_ALARM: each has its part of it.
 
     lag-1 autocorrelation of an innovation   Σ y_t y_{t−1} / Σ y_t²;  95 % of white ones lie within ± 1.96/√N   (1)
 """
@@ -37,7 +37,7 @@ JOINT = {"nees_pose": N_("the pose"), "nees_velocity": N_("the velocity"), "nis"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterConsistency:
-    """Bands of one run."""
+    """The consistency bands of one run."""
 
     nees_pose: Band
     nees_velocity: Band
@@ -54,7 +54,7 @@ class FilterConsistency:
 
     @property
     def sentence(self) -> str:
-        """Return the verdict with its figure, the worst state, and autocorrelated innovations."""
+        """Return the verdict with its figure, the worst state, and the autocorrelation of the innovations."""
         verdict, name, band = self._decision()
         if band is None:
             return text(note("consistency.not-reported")) + "."
@@ -68,12 +68,12 @@ class FilterConsistency:
 
     @property
     def correlation(self) -> float:
-        """The largest lag-1 autocorrelation; NaN where nothing arrived."""
+        """Return the lag-1 autocorrelation of largest magnitude; NaN if no innovation arrived."""
         finite = [correlation for correlation in self.correlations if np.isfinite(correlation)]
         return max(finite, key=abs) if finite else float("nan")
 
     def row(self) -> "JsonObject":
-        """Flat, for a machine."""
+        """Return a flat row for machine use."""
         row: TableRow = {}
         for name, band in self._bands_by_name().items():
             row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
@@ -87,7 +87,7 @@ class FilterConsistency:
         }
 
     def figures(self) -> list["TableRow"]:
-        """Return a row per NEES and NIS that is known, for a table."""
+        """Return a row for each known NEES and NIS, for a table."""
         return [
             {"figure": name, "value": band.mean, "from": band.low, "to": band.high,
              "independent samples": band.samples, "is": band.verdict}
@@ -100,7 +100,7 @@ class FilterConsistency:
         return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
 
     def _decision(self) -> tuple[str, str, Band | None]:
-        """Verdict, the joint figure that it is by, and its band."""
+        """Return the verdict, the name of the joint figure that decides it, and its band."""
         truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
         bands = [(name, band) for name, band in truth if band.verdict != "not reported"]
         off = [*bands, ("nis", self.nis)]
@@ -116,7 +116,7 @@ class FilterConsistency:
         return "consistent" if right else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> Diagnostic | str:
-        """The state that is furthest off in the same direction, where the verdict is by truth."""
+        """Return the state that deviates most in the direction of the verdict, if the truth is known."""
         off = {
             name: band.mean for name, band in self.states.items() if band.verdict == verdict != "consistent"
         }
@@ -126,7 +126,7 @@ class FilterConsistency:
         return note("consistency.worst", state=STATES[name], nees=off[name])
 
     def _few_samples(self, verdict: str) -> Diagnostic | None:
-        """Return the limits of a consistent verdict: a joint NEES with too few samples."""
+        """Return a note if the verdict is consistent and a joint NEES has too few samples, else None."""
         few = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
         return note("consistency.unknown", of=JOINT[few[0]]) if few and verdict == "consistent" else None
 
@@ -137,7 +137,7 @@ class FilterConsistency:
 
 
 def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency:
-    """Return what a run says of its filter; only alignment "none" leaves a NEES of the pose."""
+    """Return the filter consistency of a run; only alignment "none" gives a NEES of the pose."""
     log, truth = run.estimate, run.truth
     errors: dict[str, np.ndarray] = {}  # whitened
     states: dict[str, Band] = dict.fromkeys(STATES, NOT_REPORTED)

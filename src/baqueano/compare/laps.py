@@ -1,10 +1,10 @@
-"""Laps of a drive: how far beside its route, how long, and how well each closes.
+"""Laps of a drive: distance from the route, duration, and closure of each lap.
 
     lap   from one passage of the reference through the end of its route to the next                      (1)
     gap   |p(end) − p(begin)|,  ψ(end) − ψ(begin)      of the vehicle                                      (2)
 
-The reference passes where it is as near as its steps allow, with the heading of the end. So the crossing of an eight
-does not count. A lap that begins with a way onto the route counts from the begin of the drive.
+A passage is where the reference is as near as its steps allow, with the heading of the end. So the crossing of a
+figure eight does not count. A lap that begins with a lead-in to the route counts from the beginning of the drive.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,18 +25,18 @@ LEAST_M = 0.3  # of a lap
 
 
 class DriveLap(NamedTuple):
-    """A lap of a vehicle, by the truth where it is known, else as estimated.
+    """A lap of a vehicle, by the truth if it is known, else by the estimate.
 
     Attributes
     ----------
     number : int
         From 1.
     begin_s, duration_s : float
-        Times.
+        Beginning since the start of the run, and duration.
     rms_m, max_m : float
-        Distance from the reference's path.
+        Distance from the path of the reference.
     gap_m, gap_rad : float
-        From the pose at the begin of the lap to that at its end.
+        Difference between the poses at the beginning and at the end of the lap.
     """
 
     number: int
@@ -48,13 +48,13 @@ class DriveLap(NamedTuple):
     gap_rad: float
 
     def row(self) -> "JsonObject":
-        """Flat, for a machine; SI."""
+        """Return a flat row in SI units for machine use."""
         names = {"number": "lap", "rms_m": "across_rms_m", "max_m": "across_max_m"}
         return {names.get(name, name): value for name, value in self._asdict().items()}
 
 
 def laps_of(run: "Run") -> tuple[DriveLap, ...]:
-    """Return the laps of a run; none of one whose reference does not come back.
+    """Return the laps of a run; an empty tuple if its reference does not return to the beginning.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
 
 
 def _passages(eta: np.ndarray, complete: bool) -> list[int]:
-    """Return the numbers of the references (N, 3) that pass the end of the route.  (1)"""
+    """Return the indices at which the reference poses (N, 3) pass the end of the route.  (1)"""
     end = eta[-1] if complete else eta[0]
     away = np.hypot(eta[:, 0] - end[0], eta[:, 1] - end[1])
     step = np.hypot(*np.diff(eta[:, :2], axis=0).T)

@@ -1,5 +1,5 @@
-"""The table of a comparison in 80 columns: sections of figures, a column for each run; columns that do not fit stand in
-a block below."""
+"""The table of a comparison in 80 columns: sections of figures with a column for each run. Columns that do not fit are
+printed in a block below."""
 
 from collections.abc import Callable, Iterator, Sequence
 from textwrap import wrap
@@ -28,7 +28,7 @@ ALIGNED = {
 
 
 class TableLine(NamedTuple):
-    """A figure of each run."""
+    """A line of the table: a figure of each run."""
 
     label: str
     unit: str
@@ -37,7 +37,7 @@ class TableLine(NamedTuple):
 
 
 def table(comparison: "Comparison") -> str:
-    """Return the figures that are known of at least one run of a block."""
+    """Return the table of the figures that at least one run of a block has."""
     sections = [
         (title, [(line.label, line.unit, [_cell(line.of(run)) for run in comparison.runs]) for line in lines])
         for title, lines in _sections(comparison)
@@ -69,8 +69,8 @@ def table(comparison: "Comparison") -> str:
 
 
 def sections_of(comparison: "Comparison") -> "list[JsonObject]":
-    """Return the figures that are known of at least one run, for a page: {title, rows: [{label, unit, cells, best}]};
-    `best` is the column of the smallest error, None where a smaller figure is not a better one."""
+    """Return the figures that at least one run has, for a page: {title, rows: [{label, unit, cells, best}]}.
+    `best` is the column of the smallest error, or None for a figure that is not an error."""
     sections: list[JsonObject] = []
     for title, lines in _sections(comparison):
         rows: list[JsonObject] = []
@@ -87,7 +87,7 @@ def sections_of(comparison: "Comparison") -> "list[JsonObject]":
 
 
 def _best(line: TableLine, values: Sequence[Any]) -> int | None:
-    """Return the column of the smallest error."""
+    """Return the column of the smallest error; None if the line is not an error, or the smallest one is not unique."""
     numbers = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
     by_value = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
     if not line.error or len(by_value) < 2 or by_value[0][0] == by_value[1][0]:
@@ -96,7 +96,7 @@ def _best(line: TableLine, values: Sequence[Any]) -> int | None:
 
 
 def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
-    """Yield the columns that fit beside each other."""
+    """Yield ranges of columns that fit side by side."""
     first = 0
     while first < len(wide):
         last = first + 1
@@ -135,7 +135,7 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
 
 
 def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
-    """Yield how well and how evenly it drove; of a replay this says nothing of the estimator."""
+    """Yield the sections on path, speed and command of the vehicle; those of a replay do not rate the estimator."""
     for title, kind in (
         (_("vehicle across its reference, true"), "true"),
         (_("the same, as estimated"), "estimate"),
@@ -201,7 +201,7 @@ def _of_the_filter(comparison: "Comparison") -> Iterator[tuple[str, Sequence[Tab
 
 
 def _refusal_text(run: "RunComparison", name: str) -> str:
-    """ "540 of 1501" of a number; "-" where the estimator does not count, or none arrived."""
+    """Return "540 of 1501" for a number; "-" if the estimator does not count, or none arrived."""
     refusals = [refusal for refusal in run.refusals if refusal.name == name and refusal.arrived]
     return _("{refused} of {arrived}", **refusals[0]._asdict()) if refusals else "-"
 
@@ -217,7 +217,7 @@ def _band(band: "Band") -> str:
 
 
 def _short(x: float) -> str:
-    """Return a NEES in as few letters as tell it."""
+    """Return a NEES as a short text, with about three digits."""
     return f"{number(x):{'.2f' if abs(x) < 10.0 else '.1f' if abs(x) < 100.0 else '.3g'}}"
 
 

@@ -1,4 +1,4 @@
-"""Promises of blocks and world, what a block may leave out, and the types of what the engine computes with."""
+"""Define the contracts of blocks and world, the optional attributes of blocks, and the types of values."""
 
 from typing import TYPE_CHECKING
 

@@ -1,7 +1,7 @@
-"""Promises of the blocks to each other, and of the world to the loop. What travels between them is in signals.py.
+"""Define the contracts of the blocks with each other, and of the world with the loop. signals.py has their signals.
 
-No block derives from these: a class of yours with the methods named here is served as ours are. What a block may leave
-out besides is in optional.py, with the value that stands for it. A vehicle's promise is `vehicles.Vehicle`.
+No block derives from these classes: a class of yours with these methods works as ours do. Optional attributes of a
+block are in optional.py, with their defaults. The contract of a vehicle is `vehicles.Vehicle`.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,12 +31,12 @@ class Block(Protocol):
 
     @property
     def init(self) -> Callable[..., Tree]:
-        """The state before the first tick."""
+        """Return the function that returns the state before the first tick."""
         ...
 
     @property
     def step(self) -> Callable[..., Tree]:
-        """Return (the next state, the output) of a tick."""
+        """Return the function that returns (the next state, the output) of a tick."""
         ...
 
 
@@ -55,39 +55,39 @@ class Sensor(Protocol):
 
     @property
     def size(self) -> int:
-        """m, the length of a measurement."""
+        """Return m, the length of a measurement."""
         ...
 
     @property
     def noise_size(self) -> int:
-        """Unit normals that `step` takes."""
+        """Return the number of unit normals that `step` takes."""
         ...
 
     @property
     def rate_hz(self) -> float:
-        """Measurements a second."""
+        """Return the rate of measurements [Hz]."""
         ...
 
     @property
     def delay_s(self) -> float:
-        """Age of the signal when it is read."""
+        """Return the age of the signal when it is read [s]."""
         ...
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (m, m): the covariance of one measurement."""
+        """Return Q (m, m), the covariance of one measurement."""
         ...
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The measurement (m,) without noise: what estimators and the fit believe."""
+        """Return the measurement (m,) without noise, as estimators and the fit model it."""
         ...
 
     def init(self) -> Tree:
-        """A sensor just switched on."""
+        """Return the state of a sensor that was just switched on."""
         ...
 
     def step(self, state: Tree, motion: Motion, dt_s: float, noise: np.ndarray) -> tuple[Tree, Slot]:
-        """Return the reading at the end of a tick; `noise` (noise_size,) are unit normals."""
+        """Return the next state and the reading at the end of a tick; `noise` (noise_size,) are unit normals."""
         ...
 
 
@@ -95,7 +95,7 @@ SensorBlocks: TypeAlias = ByName[Sensor]  # the sensors of a vehicle
 
 
 class Estimator(Protocol):
-    """Measurements → estimate.
+    """An estimator: from measurements to an estimate.
 
     Examples
     --------
@@ -106,8 +106,10 @@ class Estimator(Protocol):
 
     @property
     def init(self) -> Callable[..., Tree]:
-        """`init()` or `init(eta)` or `init(eta, nu)`: the belief before the first tick, from the pose and the velocity
-        (3,) at the start where it takes them."""
+        """Return `init()`, `init(eta)` or `init(eta, nu)`, which returns the belief before the first tick.
+
+        Its arguments are the pose and the velocity (3,) at the start.
+        """
         ...
 
     def step(self, belief: Tree, tick: Tick, /) -> tuple[Tree, Estimate]:
@@ -117,7 +119,7 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class Guide(Protocol):
-    """Estimate → reference.
+    """A guide: from an estimate to a reference.
 
     Examples
     --------
@@ -128,7 +130,7 @@ class Guide(Protocol):
     """
 
     def init(self) -> Tree:
-        """The state before the first tick."""
+        """Return the state before the first tick."""
         ...
 
     def step(self, state: Tree, estimate: Estimate, /) -> tuple[Tree, Reference]:
@@ -137,7 +139,7 @@ class Guide(Protocol):
 
 
 class Controller(Protocol):
-    """Reference → command.
+    """A controller: from a reference to a command.
 
     Examples
     --------
@@ -149,16 +151,16 @@ class Controller(Protocol):
     """
 
     def init(self) -> Tree:
-        """The state before the first tick."""
+        """Return the state before the first tick."""
         ...
 
     def step(self, state: Tree, reference: Reference, estimate: Estimate, /) -> tuple[Tree, Command]:
-        """Return the next state, and u (n,) with the stamp of the estimate."""
+        """Return the next state, and u (n,) with the timestamp of the estimate."""
         ...
 
 
 class Supervision(Protocol):
-    """The block that decides last before the motors; `supervisor.Supervisor` is ours.
+    """The last block before the motors; `supervisor.Supervisor` is ours.
 
     Examples
     --------
@@ -167,7 +169,7 @@ class Supervision(Protocol):
     """
 
     def init(self) -> Tree:
-        """Not stopped."""
+        """Return the state before the first tick: not stopped."""
         ...
 
     def step(self, state: Tree, command: Command, tick: Tick, estimate: Estimate, /) -> tuple[Tree, Command]:
@@ -178,7 +180,7 @@ class Supervision(Protocol):
 class World(Protocol):
     """A world in which the loop runs: simulated, replayed, or the real robot.
 
-    The defaults stand for a world that does not measure or count these things.
+    The defaults are for a world that does not measure or count these quantities.
 
     Examples
     --------
@@ -191,21 +193,21 @@ class World(Protocol):
     notes: Sequence[Diagnostic | str] = ()  # for the beginning of a run
 
     def read(self, t_ns: int) -> list[Tick]:
-        """Return the ticks since the last call, in order; the last one is stamped `t_ns`."""
+        """Return the ticks since the last call, in order; the last one has the timestamp `t_ns`."""
         ...
 
     def write(self, command: Command) -> None:
-        """Sends a command to the motors."""
+        """Send a command to the motors."""
         ...
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Time [ns] and motion, as far as this world knows it, since this was last asked."""
+        """Return time [ns] and motion since the last call, if this world has the true motion."""
         return []
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Name, time [ns] and value of what no sensor of the vehicle holds, since this was last asked."""
+        """Return name, time [ns] and value of quantities of no sensor of the vehicle, since the last call."""
         return []
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Time [ns] of what happened, and what, to the hardware, since this was last asked."""
+        """Return time [ns] and message of the events of the hardware since the last call."""
         return []

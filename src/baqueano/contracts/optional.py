@@ -1,4 +1,4 @@
-"""The optional attributes of blocks with their defaults: the one module that asks a block for its attributes.
+"""Define the optional attributes of blocks with their defaults. Only this module reads optional attributes of a block.
 
 A class of yours needs the methods of its room's protocol (blocks.py, vehicles/vehicle.py) and none of these names.
 """
@@ -12,39 +12,39 @@ INF = float("inf")
 NEUTRAL: dict[str, object] = {
     # of a vehicle
     "nu_dot": None,  # its acceleration (3,); without one a command is a velocity
-    "turning_arm_m": None,  # by which a push turns it
+    "turning_arm_m": None,  # lever arm by which a force turns it
     # of a sensor
     "delay_slots": 0,  # past ticks that it keeps for its delay
     "has_low_pass": False,
-    "usual_std": None,  # (m,) of the noise of such a sensor, where nobody measured it
-    "cov": None,  # Q (m, m); a sensor that is only read has none
+    "usual_std": None,  # (m,) usual standard deviation of the noise, if it was not measured
+    "cov": None,  # Q (m, m); None for a sensor that is only recorded
     "limit": INF,  # end of its range
-    "detects": None,  # whether it has something to measure there; it always has
-    "difference": None,  # z − expected (m,) of an angle; it is plain
-    "reads": "",  # the part of a real vehicle that it shows: imu, wheels, odometer, encoders, mark; none of them
-    "mistakes": None,  # what z lacks if it took one thing for another (k, m); it never does
+    "detects": None,  # True if it has something to measure there; default: always
+    "difference": None,  # z − expected (m,), for an angle; default: the plain difference
+    "reads": "",  # the part of a real vehicle that it reads: imu, wheels, odometer, encoders, mark; default: none
+    "mistakes": None,  # errors of z after a confusion of marks or tags (k, m); default: no confusion
     # of an estimator
     "has_kalman_gains": True,
-    "row": None,  # the step of one row, where `step` has a loop over time
-    "stacks_innovations": False,  # whether its innovations are those of the sensors in `use`, one after the other
+    "row": None,  # the step of one row, if `step` has a loop over time
+    "stacks_innovations": False,  # True if its innovations are those of the sensors in `use`, one after the other
     # of a guide
-    "laps": None,  # how often it goes round
-    "joined": None,  # its state where the vehicle joins its route at a time of it; it has begun so much before
-    "want": None,  # takes the pace that somebody wants, while it is driven
+    "laps": None,  # number of laps
+    "joined": None,  # its state if the vehicle joins the route at a time along it; it began this time earlier
+    "want": None,  # sets the pace that the operator requests during a drive
     # of any block
-    "as_written": False,  # it asks a person, a clock or a library, so its step is never compiled
-    "goes_around": (),  # names of its fields with the blocks that it goes around, and of their states in its own
-    "diagnostic": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
+    "as_written": False,  # True if it calls a person, a clock or a library: its step is never compiled
+    "goes_around": (),  # names of its fields with the blocks that it contains, and of their states in its state
+    "diagnostic": None,  # state → the Diagnostic of this tick for the run, or None; default: always None
 }
 
 
 def of(block: object, name: str) -> Tree:
-    """Return what the block has of this name, else what stands for it; KeyError for a name that is not above."""
+    """Return the attribute of this name of the block, or its default; KeyError for a name that is not above."""
     return getattr(block, name, NEUTRAL[name])
 
 
 def nested(block: object) -> Iterator[Tree]:
-    """Yield the block and those that it goes around, from outside to inside."""
+    """Yield the block and those that it contains, from outside to inside."""
     yield block
     for name in of(block, "goes_around"):
         yield from nested(getattr(block, name))
@@ -56,5 +56,5 @@ def is_dynamic(vehicle: object) -> bool:
 
 
 def has_field(block: object, name: str) -> bool:
-    """Return True for a block whose author gave it a parameter of this name: a gyro has a `gyro_scale`."""
+    """Return True for a dataclass with a field of this name: a gyro has a `gyro_scale`."""
     return dataclasses.is_dataclass(block) and name in (field.name for field in dataclasses.fields(block))

@@ -1,7 +1,7 @@
-"""The face of every result: a short print, a card in a notebook, a figure, and a data frame.
+"""Define the presentation of every result: a short print, a card in a notebook, a figure, and a data frame.
 
-A class that derives from `Result` has `table()`, the whole for people, and `rows()`, flat dicts for machines. What
-draws stands in `report`, above all results, and is loaded by its name when somebody asks for it.
+A class that derives from `Result` has `table()`, the whole as text, and `rows()`, flat dicts for programs. The code
+that draws is in `report`, a layer above all results, and is imported at its first use.
 """
 
 from collections.abc import Sequence
@@ -24,19 +24,19 @@ LINES, LETTERS = 12, 110  # of a short print
 
 
 class Tabular(Protocol):
-    """Anything with rows and a table: a Result, or a NamedTuple, which takes the methods of one."""
+    """An object with rows and a table: a Result, or a NamedTuple that takes its methods."""
 
     def rows(self) -> list["TableRow"]:
         """Return flat dicts, one for each row."""
         ...
 
     def table(self) -> str:
-        """Return the whole, for people."""
+        """Return the whole as text."""
         ...
 
 
 class Result:
-    """A result as a person sees it. `print(result)` gives at most LINES lines, `result.table()` all of it.
+    """A result as the user sees it. `print(result)` prints at most LINES lines, `result.table()` returns all of it.
 
     Examples
     --------
@@ -48,11 +48,11 @@ class Result:
     __slots__ = ()
 
     def rows(self) -> list["TableRow"]:
-        """Flat dicts, one for each row."""
+        """Return flat dicts, one for each row."""
         raise NotImplementedError
 
     def table(self) -> str:
-        """The whole, for people."""
+        """Return the whole as text."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -73,19 +73,18 @@ class Result:
     ) -> "Figure":
         """Draw the result and return the figure, to be styled or written: `plot(width="column").savefig("run.pdf")`.
 
-        `kind` is another of its drawings than the first, `ax` or `figure` takes the drawing, `width` is "column",
-        "page" or a number of millimetres. UsageError for another kind, which names those there are, or without
-        matplotlib.
+        `kind` chooses another of its drawings, `ax` or `figure` takes the drawing, `width` is "column", "page" or a
+        number of millimetres. UsageError for an unknown kind, with the known ones, or without matplotlib.
         """
         return import_module("baqueano.report.plots").plot(self, kind, ax or figure, width)
 
     def to_pandas(self: Tabular) -> Any:
-        """Return the rows as a pandas DataFrame. UsageError, with what to type, where pandas is not installed."""
+        """Return the rows as a pandas DataFrame. UsageError with the command to type if pandas is not installed."""
         return pandas().DataFrame(self.rows())
 
 
 def shortened(head: Sequence[str], rows: Sequence[str], tail: Sequence[str], lines: int = LINES) -> str:
-    """Return `head`, as many `rows` as there is room for, how many more there are, and `tail`.
+    """Return `head`, as many `rows` as fit, the number of the others, and `tail`.
 
     >>> print(shortened(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], lines=4))
     gains
@@ -104,7 +103,7 @@ def _cut(line: str) -> str:
 
 
 def pandas() -> Any:
-    """The library of data frames. UsageError where it is missing."""
+    """Return the module pandas. UsageError if it is missing."""
     try:
         import pandas  # pyright: ignore[reportMissingImports]
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Types that say less than they could, each where no narrower one would hold."""
+"""Define types that are wider than usual, because no narrower type is correct."""
 
 from typing import Any, TypeAlias
 

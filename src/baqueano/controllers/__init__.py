@@ -1,8 +1,9 @@
-"""Reference → command. Put yours beside `pd.py`, or name it in the vehicle file as "file.py:Class".
+"""Controllers turn a reference and an estimate into a command.
 
-init() -> state;   step(state, reference, estimate) -> (state, Command)
+    init() -> state;   step(state, reference, estimate) -> (state, Command)
 
-Yours may derive from `ModelFollower` instead, and give its law alone: which velocity it wants.
+To add a controller, put its file beside `pd.py`, or name it in the vehicle file as "file.py:Class". Or derive from
+`ModelFollower` and define only its law: the requested velocity.
 """
 
 from baqueano.contracts.blocks import Controller

@@ -1,4 +1,4 @@
-"""The controller of a first drive: it plays growing pulses by what the vehicle answers."""
+"""The controller of a first drive: it sends growing pulses that depend on the response of the vehicle."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,12 +9,12 @@ from baqueano.signals import Command, Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulController:
-    """Play the pulses of a first drive.
+    """Controller that sends the pulses of a first drive.
 
     Parameters
     ----------
     pulses : object
-        With init() → state, and advance(state, estimate) → (state, u (n,), over).
+        An object with init() → state, and advance(state, estimate) → (state, u (n,), over).
 
     Examples
     --------
@@ -34,10 +34,10 @@ class CarefulController:
     pulses: Tree
 
     def init(self) -> Tree:
-        """Standing."""
+        """Return the state of a vehicle at rest."""
         return self.pulses.init()
 
     def step(self, state: Tree, reference: Reference, estimate: Estimate) -> tuple[Tree, Command]:
-        """The command (n,) of this tick."""
+        """Return the state and the command (n,) of this tick."""
         state, u, _ = self.pulses.advance(state, estimate)
         return state, Command(estimate.t_ns, u)

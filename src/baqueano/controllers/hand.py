@@ -1,4 +1,4 @@
-"""Drive by hand: the commands are those of a person."""
+"""Drive by hand: the commands come from a person."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from baqueano.signals import Command, Estimate, Reference
 
 
 class DriveEnded(FromOutside, KeyboardInterrupt):
-    """A person who drives ended the drive."""
+    """The driver ended the drive."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hand:
-    """A controller that asks a person for the command.
+    """Controller that requests each command from a person.
 
-    It is the one block that is not pure: a run of it is replayed from the commands that were recorded.
+    It is the only block that is not pure: a run with it is replayed from the recorded commands.
 
     Parameters
     ----------
     ask : callable
-        Returns the command (n,) that is wanted now; KeyboardInterrupt ends the drive.
+        Returns the command (n,) that the person requests now; KeyboardInterrupt ends the drive.
 
     Examples
     --------
@@ -38,10 +38,10 @@ class Hand:
     ask: Callable[[], object]
 
     def init(self) -> None:
-        """Return no state."""
+        """Return None: this controller does not have a state."""
 
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
-        """Return the command (n,) that the person wants; `DriveEnded` where the person ends the drive."""
+        """Return the command (n,) that the person requests; raise `DriveEnded` if the person ends the drive."""
         try:
             return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
         except KeyboardInterrupt as end:

@@ -1,16 +1,17 @@
-"""Keep the heading by the gyro while a person asks for speed and no turn.
+"""Hold the heading by the gyro while a person requests speed and no turn.
 
     e = ψ_r − ψ:   u_ψ = s (K_ψ e + K_i ∫e dt − K_r r),   |u_ψ| ≤ bound                                   (1)
-    τ ṙ = k u_ψ − r, everything else late by T                              the model                     (2)
+    τ ṙ = k u_ψ − r, with a total delay T                                   the model                     (2)
     K_r = (τp + 2ωτ − 1)/k,  K_ψ = (ω²τ + 2ω τp)/k,  K_i = ω² τp/k                                        (3)
                                  two poles at ω = 1/(SLOWER T), one at p = max(ω, 1/τ − 2ω)
 
-With this p no gain is negative; (1) then tolerates a k that is 3.3 times larger, and any that is smaller. The integral
-removes the effect of unequal wheels. A car turns with its speed: s = v₀ v / (v² + (v₀/4)²), else s is 1.
-`heading_gains` finds k, τ and T for a vehicle file. ψ_r is the heading at the first tick with |r| < QUIET_RAD_S, and
-SETTLED (τ + T) after the turn was released at the latest; until then only −K_r r acts.
+ψ, r: heading and yaw rate; u_ψ: turning command. With this p no gain is negative, and (1) tolerates a k up to 3.3 times
+as large, and any smaller k. The integral removes the effect of unequal wheels. A car turns in proportion to its speed
+v, so s = v₀ v / (v² + (v₀/4)²); else s is 1. `heading_gains` finds k, τ and T for a vehicle file. ψ_r is the heading at
+the first tick with |r| < QUIET_RAD_S, at the latest SETTLED (τ + T) after the end of the turn; before, only −K_r r
+acts.
 
-Where an estimator has refused the IMU for LEFT_OUT_S, r and ψ go on by the gyro: its innovation is added.
+If an estimator has refused the IMU for LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
 """
 
 from dataclasses import dataclass
@@ -25,51 +26,51 @@ from baqueano.signals import Command, Estimate, Reference, seconds
 
 SLOWER = 6.0
 AUTHORITY = 0.25  # of the limit of the turn
-OF_SPEED = 0.5  # of two wheels none stands still or turns back for it
+OF_SPEED = 0.5  # share of the speed command: no wheel stops or turns backward for the correction
 QUIET_RAD_S = 0.05
 SETTLED = 3.0
 LEFT_OUT_S = 0.05  # longer than any spike
 
 
 class Gains(NamedTuple):
-    """(3), in units of u_ψ."""
+    """The gains of (3), in units of u_ψ."""
 
     psi: float
     integral: float
     rate: float
-    wait_s: float  # the longest until the heading is taken
+    wait_s: float  # longest time until ψ_r is set
     speed_m_s: float = 0.0  # v₀ of a car, 0 for s = 1
 
 
 class Gyro(NamedTuple):
-    """An estimator that reports its use of the gyro."""
+    """Description of an estimator that reports its use of the gyro."""
 
-    at: slice  # of the IMU in its innovation; the gyro is the last
+    at: slice  # of the IMU in the innovation; the gyro is the last entry
     scale: float
-    gate: float  # squared distance beyond which it leaves the IMU out
+    gate: float  # squared distance beyond which the estimator leaves the IMU out
 
 
 class HeadingHoldState(NamedTuple):
-    """State of a heading hold."""
+    """State of a heading hold between two ticks."""
 
     hand: Tree
     t_ns: int  # of the last tick, -1 before the first
-    out_s: float  # for how long the IMU has been left out
-    ahead: float = 0.0  # the sign of the speed that was asked, 0 while nothing is held
-    since_ns: int = 0  # when it was first asked without a turn
-    psi: float = nan  # ψ_r [rad], NaN until it is taken
+    out_s: float  # duration for which the IMU has been left out
+    ahead: float = 0.0  # sign of the requested speed, 0 while no heading is held
+    since_ns: int = 0  # time of the first request of this speed without a turn
+    psi: float = nan  # ψ_r [rad], NaN until it is set
     sum: float = 0.0  # ∫e dt [rad s]
-    unseen: float = 0.0  # ∫ what was left out [rad]
+    unseen: float = 0.0  # integral of the innovations that were left out [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHold:
-    """Keep the heading by the gyro while the controller `hand` asks for speed and no turn.
+    """Hold the heading by the gyro while the controller `hand` requests speed and no turn.
 
     Parameters
     ----------
     hand : Controller
-        Gives the commands.
+        The controller that gives the commands.
     gains : Gains
         Gains of (1), from (3): `drive.by_hand.heading_gains` finds them for a vehicle file.
     limit : float
@@ -108,7 +109,7 @@ class HeadingHold:
     def step(
         self, state: HeadingHoldState, reference: Reference, estimate: Estimate
     ) -> tuple[HeadingHoldState, Command]:
-        """The command (n,) of the hand, straightened."""
+        """Return the state and the command (n,) of the hand, with a turn that holds the heading."""
         hand, command = self.hand.step(state.hand, reference, estimate)
         u, t_ns = command.u, estimate.t_ns
         dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
@@ -134,7 +135,7 @@ class HeadingHold:
     def _turn(
         self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float
     ) -> tuple[float, float]:
-        """u_ψ and ∫e dt, which stands still at the bound.  (1)"""
+        """Return u_ψ and ∫e dt; the integral stops while u_ψ is at its bound.  (1)"""
         K, bound = self.gains, min(AUTHORITY * self.limit, self.of_speed * speed)
         s = K.speed_m_s * v / (v * v + (0.25 * K.speed_m_s) ** 2) if K.speed_m_s else 1.0
         more = sum_e + e * dt_s
@@ -144,7 +145,7 @@ class HeadingHold:
         return min(max(turn, -bound), bound), more
 
     def _left_out(self, estimate: Estimate) -> float:
-        """Return the gyro's turn rate beyond the estimate, if the estimator left it out; else 0 [rad/s]."""
+        """Return the gyro's yaw rate minus the estimate [rad/s], if the estimator left the IMU out; else 0."""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.gyro is None or y is None or S is None:
             return 0.0
@@ -154,7 +155,7 @@ class HeadingHold:
 
 
 def placed(k: float, tau_s: float, late_s: float) -> Gains:
-    """(3) for a vehicle of (2)."""
+    """Return the gains of (3) for a vehicle with the model (2)."""
     omega = 1.0 / (SLOWER * late_s)
     tp = max(omega * tau_s, 1.0 - 2.0 * omega * tau_s)
     return Gains(

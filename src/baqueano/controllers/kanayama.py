@@ -1,11 +1,13 @@
-"""Kanayama's tracking law: stable by a Lyapunov function, for each error and each speed but 0.
+"""Kanayama's tracking law: a Lyapunov function proves its stability for each error and each speed except 0.
 
     v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (k_y e_y + k_χ sin e_χ)                                   (1)
 
-An error fades over a way, not over a time: with k_χ² = 4 k_y critically, over 2 / k_χ metres. A far path is approached
-at STEEPEST_RAD at most. At rest it corrects nothing beside the vehicle, and it keeps the error of a turn on the spot
-until it moves on.
-Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990. Letters and command: model_following.py.
+v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. An
+error fades over a distance, not over a time: with k_χ² = 4 k_y, critically damped, over 2 / k_χ metres. A far path is
+approached at STEEPEST_RAD at most. At rest the law does not correct an error beside the vehicle. An error of a turn on
+the spot stays until the vehicle moves on.
+
+Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990. Prediction and command: model_following.py.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ from baqueano.parameter import documented, parameter
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Kanayama(ModelFollower):
-    """Track a moving reference with one gain per error.
+    """Controller that tracks a moving reference with one gain per error.
 
     References
     ----------
@@ -41,10 +43,10 @@ class Kanayama(ModelFollower):
     k_chi: float = parameter("1/m", "curvature per error of the course e_χ", low=0.0, high=1e3, default=8.0)
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the velocity wanted.  (1)"""
+        """Return the requested velocity.  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         steepest = self.k_chi * np.sin(STEEPEST_RAD)
         lateral = np.clip(self.k_y * e_y, -steepest, steepest)
-        # v_f changes its sign backwards, and the damping of the course must not.
+        # v_f is negative backward, but the damping of the course must keep its sign.
         turn = v_f * lateral + np.abs(v_f) * self.k_chi * np.sin(now.e_chi)
         return memory, (v_f * np.cos(now.e_chi) + self.k_x * e_x, omega_f + turn)

@@ -1,15 +1,17 @@
 """Linear quadratic regulator of the error, time-varying: the gain follows speed and curvature of the reference.
 
-    e⁺ = g(e, δν) = error after a tick, of a vehicle with ν_f + δν behind a reference with ν_f            (1)
+    e⁺ = g(e, δν) = error after a tick, of a vehicle with ν_f + δν and a reference with ν_f               (1)
     A = ∂g/∂e,    B = ∂g/∂δν    at 0, by the engine                                                        (2)
     K = (R + Bᵀ P B)⁻¹ Bᵀ P A,    P⁺ = Q + Aᵀ P (A − B K)                                                 (3)
     (v, ω) = ν_f − K e,    Q = diag(1/e_max²),    R = diag(1/δν_max²)                                     (4)
 
-One step of (3) a tick follows the reference without looking ahead: the Riccati equation propagated forward. The four
-weights are sizes: an error of e_max is worth a change of velocity of δν_max (Bryson's rule). A far path is approached
-at STEEPEST_RAD at most. At rest nothing beside the vehicle can be corrected; there (2) is taken at SLOWEST_M_S.
+e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) a
+tick propagates the Riccati equation forward, without future references. An error of e_max has the same cost as a change
+of velocity of δν_max (Bryson's rule). A far path is approached at STEEPEST_RAD at most. At rest an error beside the
+vehicle cannot be corrected; there (2) is evaluated at SLOWEST_M_S. Prediction and command: model_following.py.
+
 Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
-Systems, 2015. Letters and command: model_following.py.
+Systems, 2015.
 """
 
 from dataclasses import dataclass
@@ -29,7 +31,7 @@ BEGIN_S = 10.0  # of (3) before the first tick, at SLOWEST_M_S
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Lqr(ModelFollower):
-    """The optimal linear feedback for four sizes that you choose.
+    """Controller with the optimal linear feedback for five weights that you choose.
 
     References
     ----------
@@ -62,7 +64,7 @@ class Lqr(ModelFollower):
     )
 
     def memory(self) -> np.ndarray:
-        """Return P (3, 3) of a slow vehicle."""
+        """Return P (3, 3) for a slow vehicle."""
         A, B = _linear(np.array([SLOWEST_M_S, 0.0, 0.0]), 1.0 / self.rate_hz)
         P = np.diag(1.0 / self.e_max**2)
         for _ in range(round(BEGIN_S * self.rate_hz)):
@@ -70,7 +72,7 @@ class Lqr(ModelFollower):
         return P
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return P (3, 3) one tick on, and the velocity wanted.  (4)"""
+        """Return P (3, 3) one tick later, and the requested velocity.  (4)"""
         v_f, _, omega_f = now.nu_f
         slow = np.where(now.ahead < 0.0, -SLOWEST_M_S, SLOWEST_M_S)
         v = np.where(np.abs(v_f) < SLOWEST_M_S, slow, v_f)
@@ -81,7 +83,7 @@ class Lqr(ModelFollower):
         return P, (v_f - K[0] @ np.array([now.e[0], now.e[1], now.e_chi]), omega)
 
     def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return P (3, 3) one step on, and K (2, 3), for A (3, 3) and B (3, 2).  (3)"""
+        """Return P (3, 3) one step later, and K (2, 3), for A (3, 3) and B (3, 2).  (3)"""
         R = np.diag(1.0 / self.change_max**2)
         K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
         P = np.diag(1.0 / self.e_max**2) + A.T @ P @ (A - B @ K)
@@ -95,7 +97,7 @@ def _linear(nu_f: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> np.ndarray:
-    """Return the error (3,) one tick on.  (1)"""
+    """Return the error (3,) one tick later.  (1)"""
     nu = nu_f + np.array([change[0], 0.0, change[1]])
     return pose_error(compose(e, _motion(nu_f, dt_s)), _motion(nu, dt_s))
 

@@ -1,17 +1,18 @@
-"""Base of the controllers with a model: they want a velocity, and the model gives the command for it.
+"""Base of the controllers with a model: a law requests a velocity, and the model gives the command for it.
 
-    η_p = η + J(ψ + ½ T ω) T (ν + 2 ν_f + ν_r) / 4          the pose when a command of now is felt        (1)
+    η_p = η + J(ψ + ½ T ω) T (ν + 2 ν_f + ν_r) / 4          the pose when a present command acts          (1)
     e = J(ψ_p)⁻¹ (η_r − η_p),    e_χ = ψ_r + β_r − ψ_p − β,    β = atan(ν_y / ν_x)                        (2)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
     v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law of each       (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
-(5) inverts friction, actuator matrix, unequal wheels and dead zone, so that the feedback (4) stays weak. The same gains
-suit a small robot and a car. Where a wheel cannot do both, the turn goes before the speed. Delay and lag of the
-motors are not inverted, which would amplify noise: the vehicle follows its reference T = delay + lag + λ later, and
-(1) predicts over T. (5) is one Newton step a tick, exact where the model is linear in its effort. The model must be an
-identified one: a guessed dead zone gives a wrong speed. Source of (5): computed torque, Slotine and Li, Applied
-Nonlinear Control, 1991, ch. 9. Derivation: docs/derivations/pd_feedforward.md.
+η, ν: pose and velocity; ω: mean yaw rate over T; index r: reference; e_χ: error of the course; ν_w = (v_w, ω_w). (5)
+inverts friction, actuator matrix, unequal wheels and dead zone, so weak feedback (4) is enough: the same gains suit a
+small robot and a car. If a wheel reaches its limit, the turn has priority. Delay and lag of the motors are not
+inverted, which would amplify noise: the vehicle is T = delay + lag + λ late, and (1) predicts over T. (5) is one Newton
+step a tick, exact for a model linear in its effort. Use an identified model: a guessed dead zone gives a wrong speed.
+Source of (5): computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9;
+docs/derivations/pd_feedforward.md.
 """
 
 from dataclasses import dataclass
@@ -32,11 +33,11 @@ from baqueano.vehicles.state import DynamicVehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
 FASTEST = np.array([1.0, 1.0, 20.0])  # acceleration of ν_f: a start does not take the whole command
-SHARE = 0.5  # of the asked speed: what the integral may add
-REACH_M = 0.3  # a larger error asks for no more
-STEEPEST_RAD = 1.0  # between course and path where a law approaches from far
-SLOW_M_S = 0.02  # below, the course is the heading
-DAMPING = 1e-6  # of the Newton step where no effort helps, as the servo of a car at rest
+SHARE = 0.5  # of the reference speed: the most that the integral may add
+REACH_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
+STEEPEST_RAD = 1.0  # largest angle between course and path when a law approaches from far
+SLOW_M_S = 0.02  # below this speed the course is the heading
+DAMPING = 1e-6  # of the Newton step if an effort has no effect, as the servo of a car at rest
 
 
 class FollowerState(NamedTuple):
@@ -51,7 +52,7 @@ class FollowerState(NamedTuple):
     v_i : float [m/s]
         Integral of the error ahead.
     effort : ndarray (n,) [unit of u]
-        ε, from which the command follows.
+        ε of (5), from which the command is computed.
     law : ndarray
         Memory of the law, of any shape ().
     """
@@ -77,7 +78,7 @@ class Tracking(NamedTuple):
     kappa : float [1/m]
         Curvature of the reference.
     ahead : float
-        1 forward, −1 backward, 0 at rest, smooth between.
+        1 forward, −1 backward, 0 at rest, with a smooth transition.
     dt_s : float
         Time since the last tick.
 
@@ -99,7 +100,7 @@ class Tracking(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFollower:
-    """A controller that gives its law, `velocity_law(memory, tracking) → memory, (v, ω)`, and nothing else.
+    """Base of a controller that only defines its law: `velocity_law(memory, tracking) → memory, (v, ω)`.
 
     Parameters
     ----------
@@ -143,11 +144,11 @@ class ModelFollower:
             )
 
     def memory(self) -> np.ndarray:
-        """Return what the law remembers before the first tick; nothing, for most."""
+        """Return the memory of the law before the first tick; empty for most laws."""
         return np.zeros(0)
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return what the law remembers, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
+        """Return the memory of the law, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
         raise NotImplementedError(f"{type(self).__name__} gives no law: write velocity_law(memory, now).")
 
     def init(self) -> FollowerState:
@@ -157,10 +158,10 @@ class ModelFollower:
     def step(
         self, state: FollowerState, reference: Reference, estimate: Estimate
     ) -> tuple[FollowerState, Command]:
-        """Return the command (n,) with which the model keeps to the reference."""
+        """Return the state and the command (n,) with which the model follows the reference."""
         eta_r, nu_r, eta, nu = reference.eta, reference.nu, estimate.eta, estimate.nu
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 1.0 / self.rate_hz)
-        nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # it begins with the velocity that the vehicle has
+        nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # it starts at the velocity of the vehicle
         nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -FASTEST, FASTEST)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
         way = 0.25 * self.late_s * (nu + 2.0 * nu_f + nu_r)
@@ -180,12 +181,12 @@ class ModelFollower:
 
     @property
     def late_s(self) -> float:
-        """Return T [s], the time by which the vehicle is behind its reference."""
+        """Return T [s], the delay of the vehicle behind its reference."""
         drivetrain = self.vehicle.drivetrain
         return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S
 
     def _effort(self, effort: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
-        """Return ε (n,) from which the model at (v_w, ν_y, ω_w) has this acceleration (2,) over one tick.  (5)"""
+        """Return ε (n,): the model at (v_w, ν_y, ω_w) then has the acceleration `nu_dot` (2,) over one tick.  (5)"""
         dt_s = 1.0 / self.rate_hz
 
         def after(effort: np.ndarray) -> np.ndarray:
@@ -198,14 +199,14 @@ class ModelFollower:
 
 
 def slip(nu: np.ndarray) -> Value:
-    """Return β [rad], the course of a velocity ν (3,) to the left of the heading.  (2)"""
+    """Return β [rad], the angle from the heading to the velocity ν (3,), positive to the left.  (2)"""
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + SLOW_M_S**2))
 
 
 def point_ahead(now: Tracking, way_m: Value) -> tuple[Value, Value]:
-    """Return the point of the path `way_m` after the reference as the vehicle sees it, x, y [m].
+    """Return x and y [m], in the vehicle's frame, of the point of the path `way_m` after the reference.
 
-    The path goes on from the reference with the curvature that it has there; its bend over the way is at most 1 rad.
+    The path continues from the reference with the curvature that it has there; it bends by at most 1 rad over the way.
     """
     bend = np.clip(now.kappa * way_m, -1.0, 1.0)
     chord_m, chord = way_m * (1.0 - bend**2 / 24.0), now.e_chi + 0.5 * bend

@@ -1,13 +1,15 @@
-"""The paper's PD controller, exactly.
+"""The PD controller exactly as in the paper.
 
     e = J(ψ)⁻¹ (η_r − η)                                                                                  (1)
     u_x = α e_x,   u_y = 0,   u_ψ = β e_ψ + γ ė_ψ                                                         (2)
 
-Grotz et al., section Base Controller. The paper leaves open how ė_ψ is taken: here it is the wrapped
-difference of two ticks over the time between them, and 0 on the first tick.
+η is the pose, η_r the reference, e the error in the body frame, J(ψ) the rotation from body to map; α, β, γ are gains.
 
-e_y is never corrected: a vehicle that is beside its path stays beside it (errata 10). It is the baseline that
-other controllers are measured against.
+Source: Grotz et al., section Base Controller. The paper does not define how to compute ė_ψ. Here it is the wrapped
+difference of two ticks over the time between them, and 0 at the first tick.
+
+e_y is never corrected: a vehicle beside its path stays beside it (errata 10). Pd is the baseline for the other
+controllers.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,7 @@ from baqueano.vehicles.bounds import check_bounds
 
 
 class PdState(NamedTuple):
-    """Memory of the derivative of a PD controller: the previous tick.
+    """Memory of a PD controller: the previous tick, for the derivative.
 
     Attributes
     ----------
@@ -41,7 +43,7 @@ class PdState(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Pd:
-    """Proportional along the path, proportional and derivative in heading.
+    """PD controller of the paper: proportional along the path, proportional and derivative in heading.
 
     Usually you want `PdFeedforward`: this one never corrects the error beside the path (errata 10).
 
@@ -76,11 +78,11 @@ class Pd:
             raise Invalid(fault("pd.limit", found=str(self.limit.shape)))
 
     def init(self) -> PdState:
-        """Return a state before the first tick."""
+        """Return the state before the first tick."""
         return PdState(-1, 0.0)
 
     def step(self, state: PdState, reference: Reference, estimate: Estimate) -> tuple[PdState, Command]:
-        """The command (n,) towards the reference.  (1), (2)"""
+        """Return the state and the command (n,) towards the reference.  (1), (2)"""
         e = pose_error(reference.eta, estimate.eta)
         dt_s = seconds(estimate.t_ns, state.t_ns)
         has_past = (state.t_ns >= 0) & (dt_s > 0.0)

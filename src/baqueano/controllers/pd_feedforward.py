@@ -1,9 +1,11 @@
-"""PD with feed-forward from the vehicle's model: the recommended controller. It drives evenly.
+"""PD control with feed-forward from the vehicle's model: the recommended controller, with smooth motion.
 
     v = v_f + k_x e_x,    ω = ω_f + k_χ (e_χ ± atan(e_y / L))                                             (1)
 
-The vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. Letters,
-prediction and command: model_following.py. It drives at any speed and turns on the spot.
+v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. The
+vehicle steers towards a point of the path that is L ahead of it (line of sight); + forward, − backward. Prediction and
+command: model_following.py. It drives at any speed and turns on the spot.
+
 Source: Fossen, Handbook of Marine Craft, 2011, ch. 12. Derivation: docs/derivations/pd_feedforward.md.
 """
 
@@ -19,7 +21,7 @@ from baqueano.parameter import documented, parameter
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class PdFeedforward(ModelFollower):
-    """Feed-forward from the model, with weak feedback of place and course: the recommended controller.
+    """Controller with feed-forward from the model and weak feedback of position and course: the recommended one.
 
     References
     ----------
@@ -42,6 +44,6 @@ class PdFeedforward(ModelFollower):
     )
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the velocity wanted.  (1)"""
+        """Return the requested velocity.  (1)"""
         turn = now.e_chi + now.ahead * np.arctan(now.e[1] / self.join_m)
         return memory, (now.nu_f[0] + self.k_x * now.e[0], now.nu_f[2] + self.k_chi * turn)

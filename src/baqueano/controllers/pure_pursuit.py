@@ -1,11 +1,13 @@
 """Pure pursuit: drive on the arc that ends at a point of the path ahead.
 
-    L = look_ahead_m + look_ahead_s |v_f|,    (x, y): the path L after the reference, seen from the vehicle
+    L = look_ahead_m + look_ahead_s |v_f|,    (x, y): the path L after the reference, in the vehicle's frame
     v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
 
-(1) is the curvature of the arc that leaves the vehicle along its course and ends at (x, y). A longer L is calmer, and
-cuts corners. It cannot turn on the spot, and at rest it corrects nothing.
-Source: Coulter, CMU-RI-TR-92-01, 1992. Letters and command: model_following.py.
+v_f is the speed of the reference without jumps, e_x the error ahead. (1) is the curvature of the arc that leaves the
+vehicle along its course and ends at (x, y). A longer L gives smoother motion, but cuts corners. The law cannot turn on
+the spot, and it does not correct at rest.
+
+Source: Coulter, CMU-RI-TR-92-01, 1992. Prediction and command: model_following.py.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ from baqueano.parameter import documented, parameter
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class PurePursuit(ModelFollower):
-    """Steer to a point of the path; one length to choose.
+    """Controller that steers to a point of the path, with one length to choose.
 
     References
     ----------
@@ -41,7 +43,7 @@ class PurePursuit(ModelFollower):
     look_ahead_s: float = parameter("s", "what each m/s adds to L", low=0.0, high=10.0, default=0.3)
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the velocity wanted.  (1)"""
+        """Return the requested velocity.  (1)"""
         v_f = now.nu_f[0]
         L = self.look_ahead_m + self.look_ahead_s * np.abs(v_f)
         nearer = now._replace(e=np.array([np.clip(now.e[0], -0.5 * L, 0.5 * L), now.e[1], now.e[2]]))

@@ -1,7 +1,7 @@
-"""Commands that were decided before, in time: an experiment, a recording.
+"""Send commands that were defined before, over time: an experiment, a recording.
 
-It takes the place of the paper's controller in the loop. So an experiment has the same loop, the same supervisor and
-the same kind of run as any other drive.
+`Schedule` replaces the controller in the loop. So an experiment has the same loop, the same supervisor and the same
+kind of run as any other drive.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
 
 
 class ScheduleState(NamedTuple):
-    """The time of its first tick."""
+    """The time of the first tick."""
 
     t_ns: int  # -1 before the first tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """Play commands in time, without looking at the estimate; each holds until the next.
+    """Controller that sends commands over time and ignores the estimate; each command holds until the next.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Schedule:
     def step(
         self, state: ScheduleState, reference: Reference, estimate: Estimate
     ) -> tuple[ScheduleState, Command]:
-        """Return the command (n,) of this time."""
+        """Return the state and the command (n,) of this time."""
         start = estimate.t_ns if state.t_ns < 0 else state.t_ns
         k = int(np.searchsorted(self.t_ns, estimate.t_ns - start + TOLERANCE_NS, side="right")) - 1
         return ScheduleState(start), Command(estimate.t_ns, self.u[max(k, 0)])

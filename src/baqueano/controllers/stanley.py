@@ -1,12 +1,14 @@
-"""Stanley: the front axle is steered onto the path, as a driver looks at his front wheels.
+"""Stanley: steer a front axle onto the path, as a driver looks at the front wheels.
 
     y_f = e_y ± l sin e_χ,    δ = e_χ ± atan(k y_f / (v_soft + |v_f|)),    |δ| ≤ steepest_rad
     v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
 
-y_f is the error beside of an axle l ahead, which leads backwards as well (−); it falls with the rate k. The axle of
-the reference keeps to the path of that axle, so a bend needs no error. A two-wheeled robot has an axle that only the
-law knows. It corrects nothing at rest, nor in a turn on the spot.
-Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Letters and command: model_following.py.
+v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. y_f
+is the error beside of an axle l ahead, also when driving backward (−); it falls with the rate k. The axle is compared
+with the axle of the reference, so a bend does not cause an error. A two-wheeled robot does not need a real front axle.
+The law does not correct at rest, nor in a turn on the spot.
+
+Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Prediction and command: model_following.py.
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,7 @@ from baqueano.parameter import documented, parameter
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Stanley(ModelFollower):
-    """Steer by the error of a front axle.
+    """Controller that steers by the error of a front axle.
 
     References
     ----------
@@ -48,7 +50,7 @@ class Stanley(ModelFollower):
     steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the velocity wanted.  (1)"""
+        """Return the requested velocity.  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         y_f = e_y + now.ahead * self.axle_m * np.sin(now.e_chi)
         delta = now.e_chi + now.ahead * np.arctan(self.k * y_f / (self.soft_m_s + np.abs(v_f)))

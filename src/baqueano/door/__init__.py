@@ -1,4 +1,4 @@
-"""Protocol between the service of a vehicle and those who watch or drive it. Nothing here knows hardware."""
+"""Protocol between the service of a vehicle and the programs that watch or drive it. It is independent of hardware."""
 
 from pathlib import Path
 

@@ -1,9 +1,9 @@
-"""Gains, and the pace, that the holder changes while the vehicle drives: taken between two ticks, and written into the
-run. So are, with its first tick, the blocks that a mission took in place of those of its vehicle file.
+"""Apply gains and the pace that the holder changes during a drive: between two ticks, with an event in the run.
 
+The run also records, at its first tick, the blocks that a mission took in place of those of its vehicle file.
 Only numbers of the controller can be set, and `guide.pace` of a repetition, from 0 to 1: at 0 the vehicle brakes and
-waits, at 1 it goes on. The limits of the supervisor clip whatever a controller asks for. A changed controller runs as
-it is written, in some 0.1 ms a tick: to compile it would hold up the loop.
+waits, at 1 it drives at full pace. The limits of the supervisor clip each command of a controller. A changed
+controller runs as Python code, in about 0.1 ms a tick, because compiling it would delay the loop.
 """
 
 from dataclasses import replace
@@ -38,15 +38,15 @@ class Adjustable:
         self.block = block
 
     def init(self) -> Tree:
-        """The block's own start."""
+        """Return the block's own initial state."""
         return self.block.init()
 
     def step(self, state: Tree, reference: "Reference", estimate: "Estimate") -> "tuple[Tree, Command]":
-        """The block's own step."""
+        """Return the result of the block's own step."""
         return self.block.step(state, reference, estimate)
 
     def change(self, path: str, value: object) -> Diagnostic:
-        """Return the message of a change that is in force. ValueError for what cannot be set."""
+        """Apply a change and return its message. Raise Invalid if the parameter or the value cannot be set."""
         own = getattr(self.block, "block", self.block)
         room, _, name = path.partition(".")
         paths = [f"{ROOM}.{name}" for name in numbers_in(own)]
@@ -65,7 +65,7 @@ class Adjustable:
 
 
 class Adjusting(Observer):
-    """Takes the changes of one drive from the operator; each is told, and an event of the run."""
+    """Observer that applies the operator's changes to one drive; each is sent to the clients and recorded."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class Adjusting(Observer):
         return lines
 
     def _change(self, path: str, value: object) -> Diagnostic:
-        """Return the message of a change that is in force. ValueError for what cannot be set."""
+        """Apply a change and return its message. Raise Invalid if the parameter or the value cannot be set."""
         if path != PACE or self._want is None:
             return self._controller.change(path, value)
         try:

@@ -1,4 +1,4 @@
-"""The runs in the folder of a service, for those at its door."""
+"""Send the runs in the folder of a service to its clients."""
 
 import base64
 import threading
@@ -19,7 +19,7 @@ WAIT_S = 0.01
 
 
 class RunFiles:
-    """The names of the runs, and their bytes. All of it belongs to the door's thread, which `ring` wakes."""
+    """The names of the runs, and their bytes. All methods belong to the door's thread, which `ring` wakes."""
 
     def __init__(self, folder: Path, ring: Callable[[], object]) -> None:
         self.folder, self._ring = folder, ring
@@ -29,11 +29,11 @@ class RunFiles:
         self._fetches = threading.BoundedSemaphore(MOST_FETCHES)
 
     def changed(self, written: str | None) -> None:
-        """Look again at the next request; the run of this name is being written."""
+        """Read the folder again at the next request; `written` names the run that is being written."""
         self._open_run, self._looked_s = written, float("-inf")
 
     def list(self) -> bytes:
-        """Return the names of the runs that are whole, or will never be, encoded: not of the one that is written."""
+        """Return the encoded names of the runs, complete or broken off, without the one that is being written."""
         if time.monotonic() - self._looked_s > FRESH_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
             names = sorted(name for name in paths if is_name(name) and name != self._open_run)
@@ -41,7 +41,10 @@ class RunFiles:
         return self._list
 
     def fetch(self, guest: Guest, name: str, stays: Callable[[Guest], bool]) -> None:
-        """Send a run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""
+        """Send a run in segments, each when little waits for the guest; the last one has `left` 0.
+
+        Raise Invalid if the run does not exist or too many transfers are under way.
+        """
         path = self.folder / name
         if not is_name(name) or path.is_symlink() or not path.is_file():
             raise Invalid(fault("door.no-run", run=repr(name)))

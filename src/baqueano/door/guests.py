@@ -1,9 +1,9 @@
-"""One connection to the door: bytes that come, cut into lines, and bytes that go, as whole messages in their order.
+"""One connection to the door: received bytes, cut into lines, and messages to send, complete and in order.
 
-lines     at most BACKLOG wait to be answered, and LONG bytes beside one mission; those that come meanwhile are
-          dropped, a stop among them never                                                                        (1)
-messages  at most PENDING bytes wait; one who lets more wait is let go                                            (2)
-frame     one waits, the newest: it takes the place of one that nobody has read                                   (3)
+lines     at most BACKLOG wait to be answered, and LONG bytes in addition to one mission; further lines are dropped,
+          except a stop                                                                                          (1)
+messages  at most PENDING bytes wait; a guest with more is disconnected                                          (2)
+frame     only one waits, the newest: it replaces an unread one                                                  (3)
 """
 
 import re
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 LONG = 64 << 10  # bytes of a line that can only be a mission
 LONGEST = 64 << 20  # bytes of a line: an hour of commands
-PENDING = 1 << 20  # bytes that wait for one who does not read
+PENDING = 1 << 20  # bytes that wait for a guest that does not read
 PIECE = 16 << 10  # bytes that are read at a time
 BACKLOG = 256  # lines
-STOP = re.compile(rb'"do"\s*:\s*"stop"')  # what is a stop holds this; what holds this is read at once
+STOP = re.compile(rb'"do"\s*:\s*"stop"')  # each stop contains this; a line that contains it is read at once
 
 
 class Guest:
-    """A connection. Its lines belong to the door's thread; `say` to any."""
+    """A connection. Its lines belong to the door's thread; each thread may call `say`."""
 
     def __init__(self, line: socket.socket) -> None:
         self.line = line
@@ -52,33 +52,33 @@ class Guest:
 
     @property
     def asleep(self) -> bool:
-        """Return True if too much waits for it.  (2)"""
+        """Return True if too many bytes wait for the guest.  (2)"""
         return self._waiting > PENDING
 
     @property
     def waiting(self) -> int:
-        """Return the bytes that wait for it."""
+        """Return the number of bytes that wait for the guest."""
         return self._waiting
 
     @property
     def owed(self) -> bool:
-        """Return True if something waits for it.  (3)"""
+        """Return True if a message waits for the guest.  (3)"""
         return bool(self._going)
 
     def say(self, message: "JsonObject") -> None:
-        """Put a message behind those that wait."""
+        """Put a message at the end of the queue."""
         self.send_line(encoded(message))
 
     def send_line(self, line: bytes) -> None:
-        """Put an encoded message behind those that wait."""
+        """Put an encoded message at the end of the queue."""
         with self._lock:
             self._going.append(line)
             self._waiting += len(line)
 
     def receive(self) -> Iterator[bytes]:
-        """Yield the stops among the lines that have come; the others wait in `lines`.  (1)
+        """Yield the stops among the received lines; the others wait in `lines`.  (1)
 
-        OSError where the connection is over.
+        Raise OSError if the connection has ended.
         """
         try:
             data = self.line.recv(PIECE)
@@ -105,7 +105,7 @@ class Guest:
                 self.dropped += 1
 
     def next(self) -> bytes:
-        """Return the line that waits longest."""
+        """Return the line that has waited longest."""
         line = self.lines.popleft()
         self._count(line, -1)
         return line
@@ -122,7 +122,7 @@ class Guest:
             self._backlog += sign * len(line)
 
     def send(self) -> None:
-        """Send what waits, as much as the line takes; OSError where the connection is over."""
+        """Send as many waiting bytes as the socket accepts. Raise OSError if the connection has ended."""
         with self._lock:
             while self._going:
                 first = self._going[0]

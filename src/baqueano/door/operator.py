@@ -1,11 +1,10 @@
-"""Whoever drives from outside: one holder at a time, whose silence stops the vehicle; anyone may stop it.
+"""Mailbox of the operator who drives from outside: one holder at a time. Its silence stops the vehicle.
 
-    SILENCE_S without a word of the holder      the vehicle stops, unless the mission goes on unattended        (1)
-    a set-point older than SILENCE_S            is no set-point                                                 (2)
+  SILENCE_S without a message of the holder   the vehicle stops, unless the mission continues unattended      (1)
+  a set-point older than SILENCE_S            is ignored                                                      (2)
 
-A holder who drives through a page is silent sooner: between its hand and the vehicle stands one process more.
-
-The words come from another thread than the loop's; both ends of this mailbox may be used at any time.
+For a holder who drives through a page the silence is shorter, as one more process is in between. Each client may stop
+the vehicle. The messages come from another thread than the loop's; both ends may be used at any time.
 """
 
 import threading
@@ -25,7 +24,7 @@ SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
 
 
 class Operator:
-    """The wanted motion."""
+    """The mailbox between the clients, which send commands and stops, and the loop, which reads them."""
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._now_ns = now_ns
@@ -39,101 +38,116 @@ class Operator:
         self._silence_s = SILENCE_S  # of that holder
         self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
         self._stop: Diagnostic | None = None
-        self._quit, self.clear_requested = False, False  # the last: somebody takes a stop away
+        self._quit, self.clear_requested = False, False  # the last: a client has requested to clear a stop
         self._marks = 0
         self._changes: deque[tuple[str, object]] = deque(maxlen=MOST_CHANGES)
         self._busy = False  # by a mission that is driven, or waits
 
     # from outside
 
-    def sign_of_life(self, who: object) -> None:
-        """Take a sign of life of `who`."""
-        if who is self._holder:
+    def sign_of_life(self, guest: object) -> None:
+        """Record a heartbeat of `guest`, if it is the holder."""
+        if guest is self._holder:
             self._last_beat_ns = self._now_ns()
 
-    def hold(self, who: object, silence_s: float | None = None) -> None:
-        """`who` drives from now on, and is gone after a silence of `silence_s`; SafetyStop while somebody else does."""
-        with self._lock:
-            self._nobody_but(who)
-            self._holder = who
-            self._silence_s = SILENCE_S if silence_s is None else silence_s
-        self.sign_of_life(who)
+    def hold(self, guest: object, silence_s: float | None = None) -> None:
+        """Make `guest` the holder, who counts as gone after a silence of `silence_s`.
 
-    def release(self, who: object) -> None:
-        """`who` has gone. The drive of a holder who did not say goodbye ends by (1)."""
+        Raise SafetyStop while another client drives.
+        """
         with self._lock:
-            if self._holder is who:
+            self._nobody_but(guest)
+            self._holder = guest
+            self._silence_s = SILENCE_S if silence_s is None else silence_s
+        self.sign_of_life(guest)
+
+    def release(self, guest: object) -> None:
+        """Take the vehicle from `guest`, if it was the holder.
+
+        The drive of a holder that has disconnected ends by (1).
+        """
+        with self._lock:
+            if self._holder is guest:
                 self._holder = None
 
-    def holds(self, who: object) -> bool:
-        """Return True if `who` drives."""
-        return who is self._holder
+    def holds(self, guest: object) -> bool:
+        """Return True if `guest` is the holder."""
+        return guest is self._holder
 
     @property
     def silence_s(self) -> float:
-        """Return the silence after which its holder is gone [s]."""
+        """Return the silence [s] after which the holder counts as gone."""
         return self._silence_s
 
     @property
     def taken(self) -> bool:
-        """Return True while a mission is driven, or waits."""
+        """Return True while a mission is under way, or waits."""
         return self._busy
 
-    def may_ask(self, who: object) -> None:
-        """SafetyStop where a mission of `who` would be refused just now: one is driven, or waits, or somebody else
-        drives."""
+    def may_ask(self, guest: object) -> None:
+        """Raise SafetyStop if a mission of `guest` would be refused now.
+
+        It is refused if a mission is under way or waits, or another client drives.
+        """
         with self._lock:
-            if self._busy and who is self._holder:
+            if self._busy and guest is self._holder:
                 raise SafetyStop(note("door.own-mission", Severity.ERROR))
             if (
                 self._busy and self._holder is None
             ):  # its holder has gone: a new operator must not lend it signs of life
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
-            self._nobody_but(who)
+            self._nobody_but(guest)
 
     def ask(
-        self, who: object, mission: str, attended: bool = True, name: str = "", silence_s: float | None = None
+        self,
+        guest: object,
+        mission: str,
+        attended: bool = True,
+        name: str = "",
+        silence_s: float | None = None,
     ) -> None:
-        """A mission in JSON, to be driven when the vehicle is ready; SafetyStop as `may_ask`. Who asks knows it again
-        by its `name`; `silence_s` as in `hold`."""
-        self.may_ask(who)
-        self.hold(who, silence_s)
+        """Queue a mission in JSON, to be driven when the vehicle is ready. Raise SafetyStop as `may_ask` does.
+
+        The client recognises its mission by `name`; `silence_s` as in `hold`.
+        """
+        self.may_ask(guest)
+        self.hold(guest, silence_s)
         self._busy, self._quit = True, False
         self._missions.append((mission, attended, name))
 
-    def want(self, who: object, u: object) -> None:
-        """The command (n,) that the holder wants now."""
-        if who is self._holder:
+    def want(self, guest: object, u: object) -> None:
+        """Set the command (n,) that the holder wants now; ignore other clients and values that are not finite."""
+        if guest is self._holder:
             u = np.asarray(u, dtype=float)
             if u.ndim == 1 and np.all(np.isfinite(u)):
                 self._u, self._u_ns = u, self._now_ns()
-            self.sign_of_life(who)
+            self.sign_of_life(guest)
 
-    def mark(self, who: object) -> None:
-        """The vehicle is on its mark now."""
-        if who is self._holder:
+    def mark(self, guest: object) -> None:
+        """Record that the vehicle is on its mark now."""
+        if guest is self._holder:
             self._marks += 1
 
-    def change(self, who: object, path: str, value: object) -> None:
-        """The holder sets a gain from the next tick on; SafetyStop for anybody else."""
-        if who is not self._holder or not self._busy:
+    def change(self, guest: object, path: str, value: object) -> None:
+        """Set a gain from the next tick on. Raise SafetyStop if `guest` is not the holder or nothing is driven."""
+        if guest is not self._holder or not self._busy:
             raise SafetyStop(note("door.not-holder", Severity.ERROR))
         self._changes.append((path, value))
 
     def stop(self, reason: Diagnostic) -> None:
-        """Stop, by anyone, for this reason."""
+        """Stop the vehicle for this reason, on request of any client."""
         with self._lock:
             self._stop = self._stop or reason
 
-    def end(self, who: object) -> None:
-        """The holder ends the drive, as one ends it who is done."""
-        if who is self._holder:
+    def end(self, guest: object) -> None:
+        """End the drive regularly, if `guest` is the holder."""
+        if guest is self._holder:
             self._quit = True
 
     # of the loop
 
     def command(self, n: int) -> np.ndarray:
-        """The command (n,) that is wanted now, zeros if it is old.  (2)"""
+        """Return the command (n,) that is wanted now, zeros if it is too old.  (2)"""
         u = self._u
         fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= self._silence_s * 1e9
         return u.copy() if fresh and u is not None else np.zeros(n)
@@ -144,11 +158,11 @@ class Operator:
         return self._quit
 
     def next(self) -> tuple[str, bool, str] | None:
-        """The mission that waits, in JSON, whether it ends with the silence of its holder, and its name."""
+        """Return the waiting mission in JSON, True if its holder's silence stops it, and its name; None without one."""
         return self._missions.popleft() if self._missions else None
 
     def stop_reason(self, attended: bool = True) -> Diagnostic | None:
-        """Return why the vehicle must stop; None if nobody says so.  (1)"""
+        """Return the reason to stop the vehicle, or None.  (1)"""
         if self._stop is not None:
             return self._stop
         silent_s = (self._now_ns() - self._last_beat_ns) * 1e-9
@@ -160,19 +174,19 @@ class Operator:
         """Return the gains that were set since the last call."""
         return [self._changes.popleft() for _ in range(len(self._changes))]
 
-    def marked(self) -> int:
+    def marks(self) -> int:
         """Return the number of marks by the holder since the last call."""
         marks, self._marks = self._marks, 0
         return marks
 
     def forget(self, reason: Diagnostic | None) -> None:
-        """Clear the handled request and the stop for `reason`; a new one stays."""
+        """Clear the handled requests and the stop for `reason`; a newer stop stays."""
         with self._lock:
             self._stop = None if self._stop == reason else self._stop
             self.clear_requested, self._quit, self._u = False, False, None
 
     def free(self) -> None:
-        """The mission is over: another may be asked for."""
+        """Record that the mission has ended, so that another may be requested."""
         self._busy = False
 
     def _nobody_but(self, client: object) -> None:

@@ -1,4 +1,4 @@
-"""The end of a mission as data: why the vehicle stopped, and the exit code, whatever its blocks did."""
+"""Return the end of a mission as data: the reason of the stop, and the exit code, for each error of its blocks."""
 
 from collections.abc import Callable
 
@@ -7,8 +7,10 @@ from baqueano.errors import BaqueanoError, from_outside, in_users_file, named
 
 
 def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | None, int]:
-    """Return why the drive ended, and its exit code. sys.exit() in a block, where no guard is, ends its mission and
-    not the service."""
+    """Return the reason for which the drive ended, and its exit code.
+
+    sys.exit() in a block, outside the guards of the loop, ends its mission and not the service.
+    """
     try:
         return drive(), 0
     except BaqueanoError as error:

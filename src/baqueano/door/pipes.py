@@ -1,4 +1,4 @@
-"""A pair of pipes joined to a socket: the ends of ssh, or those of a parent process, on Windows too."""
+"""Join a pair of pipes to a socket: the ends of ssh, or those of a parent process, also on Windows."""
 
 import os
 import socket
@@ -13,7 +13,10 @@ PIECE = 1 << 16
 
 
 def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
-    """Join a pair of pipes to the socket of the service until one side ends."""
+    """Join a pair of pipes to the socket of the service until one side ends.
+
+    Raise RobotUnreachable without a service.
+    """
     from baqueano.door.remote import nobody_there  # it loads numpy, which the page does not need
 
     line = socket.socket(socket.AF_UNIX)
@@ -27,7 +30,7 @@ def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
 
 
 def join(line: socket.socket, coming: BinaryIO, going: BinaryIO) -> None:
-    """Forward the bytes of both ways until one side ends."""
+    """Forward the bytes in both directions until one side ends."""
 
     def back() -> None:
         with suppress(OSError, ValueError):

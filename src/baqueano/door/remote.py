@@ -1,9 +1,9 @@
-"""The vehicle from the laptop: a mission goes there by ssh, signs of life follow it, its run comes back.
+"""Drive the vehicle from the laptop: a mission goes there by ssh, heartbeats follow it, its run comes back.
 
-    ssh HOST baqueano robot attach       joins the two ends; nothing listens on the network but ssh itself
-    a beat every BEAT_S                  the vehicle stops SILENCE_S after the last one (operator.py)
+  ssh HOST baqueano robot attach       joins the two ends; only ssh listens on the network
+  a heartbeat every BEAT_S             the vehicle stops SILENCE_S after the last one (operator.py)
 
-HOST is what ssh takes, user@name:port too; "here" is the vehicle itself, and a path is the socket of its service.
+HOST is an address for ssh, also user@name:port; "here" is the vehicle itself, and a path is the socket of its service.
 """
 
 import base64
@@ -51,20 +51,20 @@ ATTACH = "exec baqueano robot attach"
 
 
 class Remote:
-    """A vehicle that can be talked to."""
+    """A connection to a vehicle."""
 
     def __init__(self, to: BinaryIO, of: BinaryIO, name: str) -> None:
         self.name, self.inbox = name, queue.SimpleQueue()
         self.state: JsonObject = {}
         self.acknowledged = ""  # the last word that was acknowledged
-        self.on_message: Callable[[JsonObject], object] = lambda message: None  # gets each word that is heard
+        self.on_message: Callable[[JsonObject], object] = lambda message: None  # receives each message
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._to, self._of, self._lock = to, of, threading.Lock()
         self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
         self._hearing.start()
 
     def say(self, **words: Any) -> None:
-        """Send a message to the vehicle. RobotUnreachable where nobody takes it."""
+        """Send a message to the vehicle. Raise RobotUnreachable if the connection does not accept it."""
         with self._lock:
             try:
                 self._to.write(encoded(words))
@@ -73,8 +73,10 @@ class Remote:
                 raise RobotUnreachable(fault("remote.gone", host=self.name, error=error)) from error
 
     def hear(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
-        """The next message of these kinds; "state" is remembered, "no" is raised as the error that it was there.
-        RobotUnreachable where none comes `within_s`, or the connection ends."""
+        """Return the next message of these kinds; store each "state", and raise each "no" as the error that it reports.
+
+        Raise RobotUnreachable if no such message comes within `within_s`, or the connection ends.
+        """
         end = time.monotonic() + within_s
         while True:
             try:
@@ -98,7 +100,7 @@ class Remote:
                 raise of_code(int(message.get("code", 1)), message.get("about") or message["why"])
 
     def wait(self, true: Callable[[], bool], within_s: float) -> bool:
-        """Hears states and what is acknowledged until it is true; False if that takes longer."""
+        """Receive states and acknowledgements until `true` returns True; return False after `within_s`."""
         end = time.monotonic() + within_s
         while not true():
             try:
@@ -121,10 +123,12 @@ class Remote:
         words: Callable[[], list["TableRow"]] = list,
         on_state: Callable[["JsonObject"], Any] = lambda state: None,
     ) -> Run:
-        """Drives a mission there; its run, which is then at `path`. `hand` gives the command that is wanted now, and
-        ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives further messages to send, `on_state` gets the
-        vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
-        there."""
+        """Drive a mission there and return its run, which is then at `path`.
+
+        `hand` returns the present command, and ends the drive by KeyboardInterrupt, as Ctrl-C does. `words` returns
+        further messages to send. `on_state` receives the vehicle's state and "link_ms", the round-trip time. Raise
+        SafetyStop if the vehicle was stopped; the run is stored also then.
+        """
         self._drop_old_messages()
         name = uuid4().hex
         self._check_version()
@@ -146,7 +150,7 @@ class Remote:
         words: Callable[[], list["TableRow"]],
         on_state: Callable[["JsonObject"], Any],
     ) -> "JsonObject":
-        """Return the end of the drive of this id; send signs of life until then."""
+        """Return the end of the drive with this id; send heartbeats until then."""
         start_s, ending = time.monotonic(), False
         while True:
             try:
@@ -172,14 +176,14 @@ class Remote:
                 self.say(do="end")
 
     def _check_version(self) -> None:
-        """UsageError where the vehicle speaks another version of the words: its answers would not be understood."""
+        """Raise UsageError if the vehicle uses another version of the protocol, whose answers this one cannot read."""
         if (robot_version := self.state.get("door", 1)) != VERSION:
             figures = {"host": self.name, "theirs": str(robot_version), "ours": VERSION}
             fix = typed("robot", "setup", self.name)
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
     def _drop_old_messages(self) -> None:
-        """Drop the messages until now: they are of other drives."""
+        """Drop the messages so far, as they belong to other drives; keep the newest state."""
         while not self.inbox.empty():
             message = self.inbox.get()
             if message is None:  # the connection was closed, which still holds
@@ -189,7 +193,7 @@ class Remote:
                 self.state = message
 
     def _ping(self) -> None:
-        """Asks for an answer, when it is due."""
+        """Send a ping if one is due."""
         if time.monotonic() - self._pinged_s >= PING_S:
             self._pinged_s = time.monotonic()
             self.say(do="ping", token=self._pinged_s)
@@ -208,8 +212,10 @@ class Remote:
             return None
 
     def fetch(self, run: str, path: Path) -> Path:
-        """A run of the vehicle, one of `runs`, as the file `path`, which appears whole and over no other file.
-        FileError for a name that no run has, where there is a file, and for one that is too long for this disk."""
+        """Store a run of the vehicle, one of `runs`, as the new file `path`, which appears only when it is complete.
+
+        Raise FileError for an invalid run name, for an existing file, and for a run that is too large for this disk.
+        """
         if not is_name(run):
             raise FileError(fault("remote.run-name", host=self.name, run=run))
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -220,7 +226,7 @@ class Remote:
         return path
 
     def _pieces(self, run: str, most: int) -> Iterator[bytes]:
-        """The bytes of a run, at most so many."""
+        """Yield the bytes of a run, at most `most`."""
         size, received_bytes = None, 0
         while size is None or received_bytes < size:
             message = self.hear(("file",), 10.0)
@@ -246,7 +252,7 @@ class Remote:
             yield piece
 
     def runs(self) -> list[str]:
-        """The names of the runs there."""
+        """Return the names of the runs there."""
         self.say(do="runs")
         return self.hear(("runs",), 10.0)["runs"]
 
@@ -264,8 +270,10 @@ class Remote:
 
 @contextmanager
 def reached(host: str, **first: Any) -> Iterator[Remote]:
-    """The vehicle at HOST: what ssh takes, "here", or the path of its service's socket. `first` is said before anything
-    is heard. RobotUnreachable, with what ssh said, where it does not answer within GREETING_S.
+    """Connect to the vehicle at HOST: an address for ssh, "here", or the path of its service's socket.
+
+    `first` is sent before anything is received. Raise RobotUnreachable, with the message of ssh, if the vehicle does
+    not answer within GREETING_S.
 
     >>> with reached("here") as robot:
     ...     print(robot.state["state"], robot.runs())
@@ -319,8 +327,11 @@ def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
 
 
 def stop(host: str, reason: Diagnostic) -> "JsonObject":
-    """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
-    within STOP_S: a drive that is being prepared ends before it moves, and only then."""
+    """Stop the vehicle at HOST, and return its state once it is STOPPED.
+
+    Raise AnswerNo if it acknowledged the stop but was not STOPPED within STOP_S, as a drive in preparation ends later,
+    but before it moves. Raise RobotUnreachable if it did not acknowledge the stop.
+    """
     with reached(host, do="stop", why=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_S):
             raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
@@ -337,7 +348,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
 
 
 def nobody_there(path: Path, error: OSError) -> Diagnostic:
-    """Return the fault of a socket behind which no service listens."""
+    """Return the fault of a socket on which no service listens."""
     return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
 
 
@@ -368,6 +379,6 @@ def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
 
 
 def _ssh(host: str) -> list[str]:
-    """ssh that gives up by itself when the network is gone."""
+    """Return the ssh command, with options that make it give up when the network is gone."""
     options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
     return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *there(host), ATTACH]

@@ -1,11 +1,11 @@
-"""Work at a vehicle that ends when its user is gone: Ctrl-C, a lost ssh, a laptop that died.
+"""Run a command at a vehicle that ends when its user is gone: by Ctrl-C, a lost ssh connection, or a dead laptop.
 
-    ssh ends      its stdin there ends, and nothing else: without a terminal no signal comes                      (1)
-    Wi-Fi ends    nothing ends: sshd there may wait for hours; so a sign of life goes into stdin each BEAT_S      (2)
-    HUP, TERM     a terminal that hung up, a machine that is switched off                                         (3)
+  ssh ends      only the command's stdin ends: without a terminal no signal arrives                             (1)
+  Wi-Fi ends    nothing ends, as sshd may wait for hours; so a heartbeat is written to stdin each BEAT_S        (2)
+  HUP, TERM     the terminal has hung up, or the machine is switched off                                        (3)
 
-(1) applies to a pipe alone: nobody can close /dev/null, a file or a terminal from its other end. (2) applies from the
-first sign of life on. All of them end the work as Ctrl-C does, once, so that it can put in order what it began.
+(1) applies only to a pipe, as /dev/null, a file or a terminal cannot be closed from its other end. (2) applies after
+the first heartbeat. All of them interrupt the command once, as Ctrl-C does, so that it can clean up.
 """
 
 import os
@@ -31,9 +31,11 @@ STDIN = 0
 
 
 def answer_of(command: list[str]) -> tuple[bytes, int]:
-    """Return the answer of a program, and its exit code; show its messages as they come. Meanwhile signs of life
-    go into its stdin. Ctrl-C ends them, and the program is waited for, so that its last words are heard; a second
-    Ctrl-C leaves it."""
+    """Return the answer of a program, and its exit code; show its messages as they arrive.
+
+    Heartbeats are written to its stdin meanwhile. Ctrl-C ends them and waits up to ENDING_S for the program, so that
+    its last messages are shown; a second Ctrl-C ends the wait.
+    """
     program = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
         preexec_fn=_deaf_to_ctrl_c if os.name == "posix" else None,
@@ -68,13 +70,13 @@ def answer_of(command: list[str]) -> tuple[bytes, int]:
 
 
 def _deaf_to_ctrl_c() -> None:
-    """ssh would take it for itself, and leave its other end without a word."""
+    """Ignore Ctrl-C in the child: ssh would end at once, and its other end could not clean up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
 def attended(say: Callable[[str], object]) -> Iterator[None]:
-    """Raise KeyboardInterrupt within, once the user of the work is gone. In the main thread of a Unix alone."""
+    """Raise KeyboardInterrupt in the body once the user is gone. It works only in the main thread on Unix."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGHUP"):
         yield
         return
@@ -103,7 +105,7 @@ def attended(say: Callable[[str], object]) -> Iterator[None]:
 
 
 def _silent(over: threading.Event) -> bool:
-    """Waits until stdin ended, or signs of life did; False where the work was over first.  (1), (2)"""
+    """Wait until stdin or its heartbeats end, and return True; return False if the work ends first.  (1), (2)"""
     try:
         kind = os.fstat(STDIN).st_mode
     except OSError:

@@ -1,17 +1,16 @@
-"""The door of the service: connections of any number of people, one line of JSON for each word.
+"""The door of the service: connections of any number of clients, one line of JSON for each message.
 
-    to the vehicle     mission {mission, attended, id, door, by}, hand {u}, beat, mark, end, stop {why}, clear,
-                       runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
-    from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
-                       pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
+  to the vehicle     mission {mission, attended, id, door, by}, hand {u}, beat, mark, end, stop {why}, clear,
+                     runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
+  from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
+                     pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
 
-`why`, `said` and `about` are diagnostics (wire.py), but for the `why` of a `no`, a sentence. `door` is the version of
-the words: a mission of another one is refused, a stop never is. Every connection receives the events of every drive;
-its owner knows its `id`. A new connection gets the last state at once. The service decodes a mission when it is driven,
-so a refusal costs the driver no tick. Only the user of the service and its group can open the socket; from elsewhere
-use ssh (remote.py), or the pipes of a child process (pipes.py). Each turn of the door reads from everybody, takes the
-stops, sends what is told, and answers the other lines in equal shares. A wrong line is answered by `no` and ends
-nothing. A client that does not read what is sent to it is dropped.
+`why`, `said` and `about` are diagnostics (wire.py), except the `why` of a `no`, a sentence. `door` is the version of
+the protocol: a mission of another version is refused, a stop never. All connections receive the events of each drive;
+its owner recognises its `id`. A mission is decoded only when it is driven, so that a refusal costs no tick. The socket
+is open to the user of the service and its group; other users need ssh (remote.py) or the pipes of a child process
+(pipes.py). In each turn the door reads all connections, handles the stops, sends the queued messages, and answers the
+other lines in equal shares. A malformed line is answered by `no`. A client that does not read is disconnected.
 """
 
 import json
@@ -41,20 +40,22 @@ if TYPE_CHECKING:
 
 MOST_GUESTS = 32
 FOR_STOPS = 4  # more connections, for SHORT_S each: a stop is taken though all other places are occupied
-SHORT_S, STOPPED_S = 1.0, 15.0  # until a stop is said; after it, until the vehicle was seen to stand
+SHORT_S, STOPPED_S = (
+    1.0,
+    15.0,
+)  # until a stop arrives; after it, until the client has seen the vehicle stopped
 SHARE = 128  # lines that are answered in a turn, of all guests together
 TURN_S = 0.002  # then the others wait: a stop, or a message of the loop, comes before them
 LONGEST_ID = 64  # letters
-LOOK_S = 5.0  # at the longest: what is told wakes the door
+LOOK_S = 5.0  # at most: a message to send wakes the door
 BREATH_S = 0.001  # after a turn with many lines: the loop's thread comes first
-SENT_AHEAD = 16 << 10  # bytes that the system takes for one who does not read: frames in there grow old
+SENT_AHEAD = 16 << 10  # bytes buffered by the system for a slow reader: frames in there grow old
 HIDDEN_S = 0.3  # silence of a page that drives, which stops the vehicle
-Word = Callable[[object, "JsonObject"], "JsonObject | None"]  # who says it, and what; the answer
+Word = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and request → answer
 
 
 class Door:
-    """Listen at `path`, if there is one, in a thread of its own, and hand the messages to `operator`. `words` are those
-    of the service itself, each with what it does in the door's thread."""
+    """A thread that listens at `path`, if given, and serves messages: `words` by the service, others by `operator`."""
 
     def __init__(
         self, path: Path | None, operator: "Operator", folder: Path, words: Mapping[str, Word] | None = None
@@ -62,7 +63,7 @@ class Door:
         self.path, self.operator, self.frames = path, operator, Frames()
         self._words, self._files = dict(words or {}), RunFiles(folder, self._ring)
         self._guests: set[Guest] = set()
-        self._until: dict[Guest, float] = {}  # of those who came when all places were occupied
+        self._until: dict[Guest, float] = {}  # of guests that came when all places were occupied
         self._state: JsonObject = {}  # the last one sent
         self._outbox: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
@@ -80,17 +81,17 @@ class Door:
         self._thread.start()
 
     def tell(self, message: "JsonObject") -> None:
-        """Send a message to everybody; never waits. It is encoded in the door's thread."""
+        """Send a message to all clients, without waiting. It is encoded in the door's thread."""
         self._outbox.append(message)
         self._ring()
 
     def welcome(self, line: socket.socket) -> None:
-        """Take a connection that somebody else has made."""
+        """Add an existing connection."""
         self._coming.append(line)
         self._ring()
 
     def close(self) -> None:
-        """Lets everybody go."""
+        """Disconnect all clients and end the thread."""
         self._end_event.set()
         self._ring()
         self._thread.join()
@@ -131,7 +132,7 @@ class Door:
         self._send_all()
 
     def _patience(self) -> float:
-        """Return how long nothing may happen [s]."""
+        """Return the time [s] for which the door may wait for an event."""
         if self._busy >= SHARE // 2:
             time.sleep(BREATH_S)
         if self._behind or self._coming or self._outbox or any(guest.lines for guest in self._guests):
@@ -143,7 +144,7 @@ class Door:
         return max(0.0, (int(now * fastest) + 1) / fastest - now)
 
     def _tell_all(self) -> bool:
-        """Put what was told before each guest; True if something was."""
+        """Queue the outgoing messages for each guest; return True if there were any."""
         before = len(self._outbox)
         while self._outbox:
             message = self._outbox.popleft()
@@ -178,7 +179,7 @@ class Door:
         self._selector.register(line, selectors.EVENT_READ, guest)
 
     def _turn_away(self, guest: Guest) -> None:
-        """All places are occupied, and this is not a stop."""
+        """Refuse a guest because all places are occupied; only a stop is accepted."""
         self._refuse(guest, note("door.full", Severity.ERROR, most=MOST_GUESTS), 1)
         self._last_words(guest)
 
@@ -188,7 +189,7 @@ class Door:
         self._leave(guest)
 
     def _hear(self, guest: Guest) -> None:
-        """Read what came, and take the stops in it."""
+        """Read the received bytes, and handle the stops in them."""
         if guest not in self._guests:
             return
         try:
@@ -200,8 +201,7 @@ class Door:
             self._leave(guest)
 
     def _may_be_long(self, guest: Guest) -> None:
-        """Let a guest go whose line is longer than any mission that it may ask for now. One at a time may ask for a
-        long one, and only while nothing drives."""
+        """Disconnect a guest whose line is too long; only one may send a long mission, to a free operator."""
         try:
             self.operator.may_ask(guest)
             busy = any(peer.coming > LONG for peer in self._guests if peer is not guest)
@@ -230,7 +230,7 @@ class Door:
 
     def _answer(self, guest: Guest, line: bytes) -> None:
         try:
-            if len(line) > LONG:  # to decode it holds up every thread: not where it would be refused
+            if len(line) > LONG:  # decoding it blocks every thread: not if it would be refused
                 self.operator.may_ask(guest)
             request = json.loads(line)
             self._do(guest, request, request["do"])
@@ -242,7 +242,7 @@ class Door:
             self._refuse(guest, note("door.not-understood", Severity.ERROR, error=named(error)), 2)
 
     def _refuse(self, guest: Guest, about: Diagnostic, code: int) -> None:
-        """`why` is for ends of another version, which know no codes."""
+        """Send a refusal; its sentence `why` is for clients of another version, which cannot read diagnostics."""
         guest.say({"is": "no", "why": text(about), "about": about, "code": code})
 
     def _do(self, guest: Guest, request: "JsonObject", word: str) -> None:
@@ -269,7 +269,7 @@ class Door:
             raise Invalid(fault("door.unknown-word", found=repr(word), known=[*words, *self._words]))
 
     def _ask(self, guest: Guest, request: "JsonObject") -> None:
-        """A mission of another version would end with words that nobody there understands."""
+        """Queue a mission. Raise UsageError for one of another version, whose messages could not be read."""
         if (version := request.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
@@ -288,7 +288,7 @@ class Door:
             self._until[guest] = time.monotonic() + STOPPED_S
 
     def _watch(self, guest: Guest, request: "JsonObject") -> None:
-        """Frames of the ticks from now on; `hz` 0 ends them."""
+        """Send frames of the ticks from now on; `hz` 0 ends them."""
         hz, names = float(request["hz"]), request.get("fields")
         guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))
@@ -298,7 +298,7 @@ class Door:
         self._introduce(guest)
 
     def _introduce(self, guest: Guest) -> None:
-        """Say what the columns are of the drive that goes on, once."""
+        """Send the description of the present drive and its columns, once."""
         drive, words = self.frames.drive()
         if drive is None or drive.number == guest.drive or guest.hz <= 0.0:
             return
@@ -317,7 +317,7 @@ class Door:
             guest.say(message)
 
     def _show_all(self, at_once: bool = False) -> None:
-        """Encode the rows that have come, when they are due or at once, once for all who want the same of them."""
+        """Encode the new rows, if they are due or `at_once`, once for all guests that watch the same columns."""
         watching = [guest for guest in self._guests if guest.hz > 0.0]
         (drive, _), frames_by_columns, self._behind = self.frames.drive(), {}, False
         if drive is None or not watching:
@@ -338,7 +338,7 @@ class Door:
                 guest.send_line(frames_by_columns[key])
 
     def _stays(self, guest: Guest) -> bool:
-        """Return True while somebody is there, who is told more."""
+        """Return True while the guest is connected and the door is open."""
         return guest in self._guests and not self._end_event.is_set()
 
     def _send_all(self) -> None:
@@ -370,7 +370,7 @@ class Door:
 
 
 def _listening(path: Path) -> socket.socket:
-    """RobotUnreachable where another service listens there already."""
+    """Return a listening socket. Raise RobotUnreachable if another service already listens there."""
     probe = socket.socket(socket.AF_UNIX)
     try:
         probe.connect(str(path))
@@ -393,7 +393,7 @@ def _listening(path: Path) -> socket.socket:
 
 
 def _reason(cause: object) -> Diagnostic:
-    """Return why somebody stops the vehicle. Whatever it is, it is a stop."""
+    """Return the reason of a stop request; a malformed one is a stop, too."""
     try:
         return Diagnostic.of_json(cause)
     except (ValueError, RecursionError):

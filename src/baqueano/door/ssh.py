@@ -1,6 +1,6 @@
-"""ssh: the way to a HOST, and its commands, on this terminal.
+"""Run commands at a HOST by ssh, on this terminal.
 
-ssh … -- HOST COMMAND      what stands behind -- is never an option of ssh, even with a - in front
+ssh … -- HOST COMMAND      ssh does not read text after -- as an option, even if it begins with -
 """
 
 import codecs
@@ -22,7 +22,7 @@ LAST_S = 1.0  # for the last words of a program that has ended
 
 
 def there(host: str) -> list[str]:
-    """Return where HOST is in the words of ssh: "user@name" or "user@name:port". UsageError if it is not a HOST."""
+    """Return the arguments of ssh for HOST, "user@name" or "user@name:port". Raise UsageError if it is not a HOST."""
     name, colon, port = host.rpartition(":")
     port_words, name = (["-p", port], name) if colon and port.isdigit() else ([], host)
     computer = name.rpartition("@")[2]
@@ -38,7 +38,7 @@ def there(host: str) -> list[str]:
 
 
 def ssh(host: str, command: str, *options: str) -> list[str]:
-    """Return what runs `command` at HOST. UsageError where HOST is not a computer."""
+    """Return the command line that runs `command` at HOST. Raise UsageError if HOST is not a computer."""
     if host in ("emulated", "simulated"):
         raise UsageError(fault("ssh.no-hardware", host=host))
     if host.startswith(("/", "COM")):
@@ -49,8 +49,11 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
 
 
 def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[bytes, int]:
-    """Return what a program answers on stdout, and its exit code; what it says to people is shown as it comes. With
-    `answers` False all of it is for people. `given` is its stdin, else it has this program's."""
+    """Return the stdout of a program, and its exit code; show its stderr as it arrives.
+
+    With `answers` False stdout is shown too, and b"" is returned. `given` is its stdin; if empty, it has this
+    program's.
+    """
     with tempfile.TemporaryFile() as file:
         file.write(given)
         file.seek(0)
@@ -67,7 +70,7 @@ def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[b
 
 
 def answer(stream: IO[bytes]) -> bytes:
-    """Return all that comes of a stream. RobotUnreachable where that is more than LONGEST bytes."""
+    """Return all bytes of a stream. Raise RobotUnreachable if there are more than LONGEST."""
     output = bytearray()
     while data := os.read(stream.fileno(), 1 << 16):
         output += data
@@ -78,7 +81,7 @@ def answer(stream: IO[bytes]) -> bytes:
 
 @contextmanager
 def shown(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
-    """Shows what comes of each stream meanwhile, printable (printable.py)."""
+    """Show the text of each stream in printable form (printable.py) while the body runs."""
     threads = [threading.Thread(target=_show, args=each, daemon=True) for each in streams]
     for thread in threads:
         thread.start()
@@ -90,7 +93,10 @@ def shown(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
 
 
 def _show(of: IO[bytes], to: TextIO) -> None:
-    """Forward byte by byte: a question for a password ends without a newline. A raw terminal of ssh needs \\r."""
+    """Forward the bytes as they arrive, as a password prompt ends without a newline.
+
+    A raw terminal of ssh needs \\r.
+    """
     decoder = codecs.getincrementaldecoder("utf-8")("replace")
     while True:
         try:

@@ -1,11 +1,11 @@
 """The states of the vehicle, and the transitions between them.
 
-    DISARMED ──ready──► READY ──mission──► MISSION ──done──► READY
-        ▲                 │ └───manual───► MANUAL  ──done──► READY
-        │                 └──not ready──► DISARMED
-        └──clear── STOPPED ◄──stop── any state
+  DISARMED ──ready──► READY ──mission──► MISSION ──done──► READY
+      ▲                 │ └───manual───► MANUAL  ──done──► READY
+      │                 └──not ready──► DISARMED
+      └──clear── STOPPED ◄──stop── any state
 
-A stop is latched with its reason: only a person takes it away, by `clear`, and then everything is checked again.
+A stop is latched with its reason: only a person clears it, by `clear`, and then everything is checked again.
 """
 
 from enum import StrEnum
@@ -15,7 +15,7 @@ from baqueano.errors import SafetyStop
 
 
 class DoorState(StrEnum):
-    """Names as people read them."""
+    """The names of the states as people read them."""
 
     DISARMED = "DISARMED"
     READY = "READY"
@@ -37,14 +37,17 @@ NEXT = {
 
 
 class Machine:
-    """The state, and why the vehicle does not drive; `reason` is None where nothing is in the way."""
+    """The state, and the reason why the vehicle does not drive; `reason` is None if it may drive."""
 
     def __init__(self) -> None:
         self.state = DoorState.DISARMED
         self.reason: Diagnostic | None = stop(StopReason.NOT_CHECKED)
 
     def go(self, event: str, reason: Diagnostic | None = None) -> None:
-        """The next state. A stop keeps its first reason. SafetyStop where this state does not know the event."""
+        """Change to the next state.
+
+        A stop keeps its first reason. Raise SafetyStop if this state does not allow the event.
+        """
         target = NEXT.get((self.state, event))
         if target is None:
             figures = {"state": self.state, "advice": self.advice}
@@ -57,7 +60,7 @@ class Machine:
 
     @property
     def advice(self) -> Diagnostic:
-        """Return the line by which a person can continue."""
+        """Return the advice to a person for leaving this state."""
         if self.state is DoorState.DISARMED:
             return note("door.mend")
         if self.state is DoorState.STOPPED:

@@ -1,4 +1,4 @@
-"""Lines of JSON between a vehicle and those who watch it: the fields of a message, and diagnostics as data."""
+"""Encode lines of JSON between a vehicle and its clients: the fields of a message, and diagnostics as data."""
 
 import json
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 DATA = ("why", "said", "about", "imu_bus", "degraded")  # may be diagnostics
-FIELDS: dict[str, "JsonObject"] = {  # what a message must hold; what else is in it is shown, or not used
+FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
     "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
@@ -19,13 +19,13 @@ FIELDS: dict[str, "JsonObject"] = {  # what a message must hold; what else is in
 
 
 def encoded(message: "JsonObject") -> bytes:
-    """Return a message as a line; NaN, which JSON has not, is null."""
+    """Return a message as a line. NaN, which JSON does not have, becomes null."""
     plain = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
     return json.dumps(plain, default=_data).encode() + b"\n"
 
 
 def decoded(line: bytes) -> "JsonObject | None":
-    """Return a message of a vehicle, its texts printable and of one line; None if the line is not one."""
+    """Return a message of a vehicle, its texts printable and of one line, or None if the line is invalid."""
     try:
         message = words(json.loads(line))
         message |= {k: Diagnostic.of_json(message[k]) for k in DATA if isinstance(message.get(k), dict)}

@@ -1,4 +1,4 @@
-"""Blocks + world → run: first_drive, experiment, teach, repeat, replay."""
+"""Drive blocks through a world and return the run: first_drive, experiment, teach, repeat, replay."""
 
 from baqueano.drive.first_drive import FirstDrive, estimate_first_drive, first_drive, rough
 from baqueano.drive.session import drive, stop_of

@@ -1,8 +1,9 @@
-"""A time budget for blocks that run as they are written: one that hangs ends with the name of its line.
+"""Limit the time of blocks that run as Python code: a block that hangs ends with an error that names its line.
 
-A compiled block is straight arithmetic and cannot hang; Python text can. An alarm of the system interrupts it
-between two instructions of Python. So a block that is stuck inside C is named only when it comes back (a call of a
-library, a huge matrix): until then nothing is sent, and the dead man of the firmware has long stopped the motors.
+A compiled block is straight arithmetic and cannot hang; Python code can. An alarm of the operating system interrupts it
+between two instructions of Python. A block that is stuck inside C (a call of a library, a huge matrix) is therefore
+named only when that call returns. Until then no command is sent, and the dead-man timer of the firmware has long
+stopped the motors.
 """
 
 import signal
@@ -16,19 +17,19 @@ from baqueano.contracts.values import Tree
 from baqueano.errors import FromOutside
 from baqueano.language import translated as _
 
-BUDGET_S = 0.1  # ten ticks: a third of the dead man's patience
+BUDGET_S = 0.1  # ten ticks: a third of the firmware's dead-man time
 AGAIN_S = 0.02  # for a block that swallows the first alarm
 PREPARE_S = 60.0  # to trace, compile and try the blocks, before anything moves
 Value = TypeVar("Value")
 
 
 class TooLong(FromOutside):
-    """The alarm; no `except Exception` of a block holds it."""
+    """The alarm. It is raised so that an `except Exception` in a block does not catch it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BudgetedBlock:
-    """A block whose step ends within `budget_s`, by TimeoutError if need be."""
+    """A block whose step ends within `budget_s`, with TimeoutError if it takes longer."""
 
     goes_around: ClassVar[tuple[str, ...]] = ("block",)
 
@@ -36,17 +37,19 @@ class BudgetedBlock:
     budget_s: float = BUDGET_S
 
     def init(self, *start: object) -> Any:
-        """The block's own start."""
+        """Return the block's own initial state."""
         return within(self.budget_s, self.block.init, *start)
 
     def step(self, state: Tree, *inputs: object) -> Any:
-        """The block's own step."""
+        """Return the result of the block's own step."""
         return within(self.budget_s, self.block.step, state, *inputs)
 
 
 def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:
-    """Return the result of `call`; TimeoutError, raised at the running line, if it takes longer. Without an alarm,
-    or in a thread, the time is not limited."""
+    """Return the result of `call`. Raise TimeoutError, at the line that is running, if it takes longer than `seconds`.
+
+    The time is not limited in a system without alarms, nor in a thread.
+    """
     if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
         return call(*inputs)
     running = True

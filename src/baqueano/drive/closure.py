@@ -1,14 +1,14 @@
-"""Scales of the sensors from a return to a mark: between t₁ and t₂ the vehicle has turned by whole turns.
+"""Estimate the scales of the sensors from a return to a mark: between t₁ and t₂ the vehicle has made whole turns.
 
-    s_ω = ∫ (z_ω − b) dt / (c · 2π k),   k = round(∫ (z_ω − b) dt / (s₀ c · 2π)) ≠ 0                       (1)
-    σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)
-    ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v: no closure shows the scale of the speed       (3)
-    s_v = s₀ ∫ z_v / s₀ dt / L                 L measured along the way, driven forward                    (4)
+  s_ω = ∫ (z_ω − b) dt / (c · 2π k),   k = round(∫ (z_ω − b) dt / (s₀ c · 2π)) ≠ 0                       (1)
+  σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)
+  ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v: no closure shows the scale of the speed       (3)
+  s_v = s₀ ∫ z_v / s₀ dt / L                 L measured along the path, driven forward                   (4)
 
 z_ω is the reading of the gyro, s₀ its scale in the vehicle file, c the cosine of its tilt, b its zero at rest in the
-same run, σ_w the walk of b, σ_z the noise of a sample, δ their distance, σ_mark = 2° [assumed]. (1) is refused where
-k = 0. k is certain while the gyro is off by less than WRONG and |k| < 1 / (2 WRONG).
-Derivation: docs/derivations/repeat_and_drift.md.
+same run, σ_w the random walk of b, σ_z the noise of a sample, δ their interval, σ_mark = 2° [assumed]. (1) is refused
+if k = 0. k is certain while the gyro is off by less than WRONG and |k| < 1 / (2 WRONG). Derivation:
+docs/derivations/repeat_and_drift.md.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ REST_S, LEAST_S = 1.0, 1.0  # without a command before it counts as standing; of
 
 @dataclass(frozen=True, repr=False)
 class Closure(Result):
-    """The motion of a run between its first mark and its last."""
+    """The motion of a run between its first mark and its last, and the scales that follow from it."""
 
     gyro: str  # name of the IMU
     turns: int
@@ -58,7 +58,7 @@ class Closure(Result):
         ]
 
     def table(self) -> str:
-        """In words, with what to type."""
+        """Return sentences, with the command to type."""
         degrees = np.degrees(self.turned_rad)
         lines = [
             _(
@@ -90,10 +90,9 @@ class Closure(Result):
 
 
 def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closure:
-    """The scales by the marks of `run`, for the vehicle of `file`; of the wheels where `length_m` is given.
+    """Return the scales from the marks of `run`, for the vehicle of `file`; those of the wheels only with `length_m`.
 
-    AnswerNo where such a mark, the IMU or a rest is missing. The same where the turns between the marks are not whole
-    or cancel.
+    Raise AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
     """
     marks = marks_of(run)
     if len(marks) < 2:
@@ -124,13 +123,13 @@ def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closu
 
 
 def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
-    """Of the turn after so many seconds [rad], the root of (2)."""
+    """Return the standard deviation [rad] of the turn after `t_s` seconds, the root of (2)."""
     walk, noise = sensor.gyro_bias_walk**2 * t_s**3 / 3.0, sensor.gyro_noise_std**2 * t_s / sensor.rate_hz
     return float(np.sqrt(MARK_RAD**2 + (bias_sd * t_s) ** 2 + walk + noise))
 
 
 def _whole(turned_rad: float, name: str) -> int:
-    """k of a lap. AnswerNo for another."""
+    """Return k of a lap. Raise AnswerNo if the turn is not whole."""
     turns = round(turned_rad / (2.0 * np.pi))
     residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MOST_TURNS or residual_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
@@ -140,7 +139,7 @@ def _whole(turned_rad: float, name: str) -> int:
 
 
 def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
-    """(zero of the gyro while the vehicle stood, its standard deviation) [rad/s]."""
+    """Return (zero of the gyro while the vehicle was at rest, its standard deviation) [rad/s]."""
     in_motion = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
     last = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
     tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
@@ -153,7 +152,7 @@ def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
 
 
 def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: int) -> float:
-    """∫ (z − b) dt between two times, by trapezia."""
+    """Return ∫ (z − b) dt between two times, by the trapezoidal rule."""
     finite = np.isfinite(channel.z[:, column])
     t_s = seconds(channel.t_ns[finite], channel.t_ns[0])
     ends = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
@@ -165,7 +164,7 @@ def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: i
 
 
 def _gain(sensor: Sensor) -> float:
-    """Return the gyro's reading per rad/s, by the vehicle file."""
+    """Return the gyro's reading per rad/s, from the vehicle file."""
     unit_turn, none = (
         Motion(np.zeros(3), np.array([0.0, 0.0, w]), np.zeros(3), np.zeros(2)) for w in (1.0, 0.0)
     )
@@ -173,13 +172,13 @@ def _gain(sensor: Sensor) -> float:
 
 
 def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
-    """(path in the vehicle file, value) of the scale of a sensor of speed."""
+    """Return (path in the vehicle file, value) of the scale of a speed sensor."""
     field = "radius_scale" if has_field(sensor, "radius_scale") else "scale"
     return f"sensors.{name}.{field}", getattr(sensor, field)
 
 
 def _distances(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
-    """Metres by each sensor of speed, with its scale in the vehicle file."""
+    """Return the distance [m] measured by each speed sensor, with its scale in the vehicle file."""
     distances = {}
     for name, sensor in file.sensors._asdict().items():
         if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):

@@ -1,15 +1,15 @@
-"""The first drive of a vehicle whose answer to a command is unknown: growing pulses around one spot.
+"""First drive of a vehicle whose response to a command is unknown: growing pulses around one spot.
 
-    rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
-    left forward    v > 0, Δψ < 0    as it should be                                                      (2)
-                    v < 0, Δψ > 0    the left motor runs backwards
-                    v > 0, Δψ > 0    the right one turned: the two are swapped
-                    v < 0, Δψ < 0    swapped, and the right one runs backwards
+  rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
+  left forward    v > 0, Δψ < 0    correct                                                              (2)
+                  v < 0, Δψ > 0    the left motor runs backwards
+                  v > 0, Δψ > 0    the right wheel turned: the two are swapped
+                  v < 0, Δψ < 0    swapped, and the right motor runs backwards
 
-v is the largest speed after a pulse, Δψ the turn, from commands and IMU alone; v̂, Δψ̂ are those of the file's model
-under the same commands. Its dead zones are replaced by the levels at which motion was first measured, unless all
-pulses fit better with those of the file. Two wheels are tried one at a time, forward and backward, so each shows its
-own two dead zones. Correct the wiring before you fit anything. Pulses: first_drive_pulses.py.
+v is the largest speed after a pulse, Δψ the turn, from commands and IMU only; v̂, Δψ̂ are those of the file's model
+under the same commands. Its dead zones are replaced by the levels at which motion was first measured, unless all pulses
+fit better with those of the file. Two wheels are tried one at a time, forward and backward, so that each shows its own
+two dead zones. Correct the wiring before you fit anything. Pulses: first_drive_pulses.py.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.freedoms import steers
 
 SURE = 3.0  # standard deviations of the sum of all speeds of a wheel, to believe its sign
-AFTER_S = 0.5  # of a pulse, in which its motion shows
+AFTER_S = 0.5  # after a pulse, in which its motion is measured
 
 
 class Pulse(NamedTuple):
@@ -68,15 +68,15 @@ class FirstDrive(Result):
     pulses : tuple of Pulse
         Each pulse, and the motion after it.
     wiring : tuple of Diagnostic
-        Wrong wiring, with what to do; empty where it is right.
+        Wiring faults and their remedies; empty if the wiring is right.
     still : tuple of Diagnostic
-        Directions in which nothing moved.
+        Directions in which the vehicle did not move.
     gain_along, gain_about : float
-        Gains of the vehicle over those of the file's model, along x and about z; NaN where no motion was measured.
+        Gains of the vehicle divided by those of the file's model, along x and about z; NaN without measured motion.
     moves_at : ndarray (D,)
-        Part of the limit at which motion was first measured, per direction; NaN: never.
+        Part of the limit at which motion was first measured, per direction; NaN if it was never measured.
     late : bool
-        True where the vehicle moved before that: the dead zones are then those of the file.
+        True if the dead zones of the file fit better than `moves_at`: the vehicle moved before that level.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class FirstDrive(Result):
 
     @property
     def moved(self) -> int:
-        """Pulses that moved the vehicle."""
+        """Return the number of pulses that moved the vehicle."""
         return sum(p.significance > SIGNIFICANT for p in self.pulses)
 
     def rows(self) -> list["TableRow"]:
@@ -112,7 +112,7 @@ class FirstDrive(Result):
         ]
 
     def table(self) -> str:
-        """Sentences."""
+        """Return sentences."""
         lines = [
             _("{pulses} pulses, {moved} of them moved the vehicle", pulses=len(self.pulses), moved=self.moved)
         ]
@@ -124,24 +124,24 @@ class FirstDrive(Result):
 
 
 def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
-    """Drive a vehicle carefully for about a minute, and measure how strongly it answers. It needs an IMU alone.
+    """Drive a vehicle carefully for about a minute, and measure how strongly it responds. Only an IMU is needed.
 
     Parameters
     ----------
     vehicle_file : VehicleFile
-        The vehicle; its model is a guess.
+        The vehicle, whose model is a guess.
     **options : object
         Keywords of `drive` and of its `Conditions`.
 
     Returns
     -------
     FirstDrive
-        Rough gains, dead zones, and what is wired wrong.
+        Rough gains, dead zones, and wiring faults.
 
     Raises
     ------
     UsageError
-        Where the file lacks a sensor imu, or a finite [command] limit above 0.
+        If the file lacks a sensor imu, or a finite [command] limit above 0.
 
     Notes
     -----
@@ -158,7 +158,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
 
 
 def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
-    """The run of a first drive, before anything is said of it; options and errors as in `first_drive`."""
+    """Return the run of a first drive, before its evaluation; options and errors as in `first_drive`."""
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(fault("first-drive.no-imu", name=vehicle_file.name))
     pulses = Careful(directions(vehicle_file))
@@ -167,7 +167,10 @@ def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
 
 
 def directions(vehicle_file: VehicleFile) -> np.ndarray:
-    """(D, n) the commands at full level whose pulses are tried, turning first: it leads nowhere."""
+    """Return the commands (D, n) at full level whose pulses are tried; turns come first, as they lead nowhere.
+
+    Raise UsageError if the command limits are not finite or all zero.
+    """
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     if not np.all(np.isfinite(limit)) or not np.any(limit > 0.0):
         raise UsageError(fault("first-drive.limit", vehicle=vehicle_file.name, limit=str(limit.tolist())))
@@ -190,7 +193,7 @@ def two_wheels(vehicle_file: VehicleFile) -> bool:
 
 
 def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
-    """Estimate the numbers of a first drive from commands and IMU."""
+    """Estimate gains, dead zones and wiring of a first drive from commands and IMU."""
     ways = directions(vehicle_file)
     pulses = pulses_of(run)
     at = np.array([_first_moved(pulses, way) for way in ways])
@@ -207,7 +210,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
-    """The pulses of a careful run, in order."""
+    """Return the pulses of a careful run, in order. Raise UsageError without estimates."""
     on = np.any(run.applied != 0.0, axis=1).astype(int)
     begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
     log, out = run.estimate, []
@@ -225,7 +228,7 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
 
 
 def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray) -> VehicleFile:
-    """The file with its dead zones, if it has some, as large as what it took to move at all."""
+    """Return the file with its dead zones, if it has any, set to the levels at which motion began."""
     drivetrain, changes = vehicle_file.vehicle.drivetrain, {}
     channel = np.array([drivetrain.mix(way) for way in ways])  # (D, k)
     for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
@@ -239,15 +242,17 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray)
 
 
 def between(level: np.ndarray) -> np.ndarray:
-    """Half way from the level before, at which nothing moved, to this one (D,)."""
+    """Return the middle (D,) between the previous level, at which the vehicle did not move, and this one."""
     before = np.maximum(level - STEP, 0.0)
     before = np.where(GROWTH * before > STEP, level / (1.0 + GROWTH), before)
     return 0.5 * (before + level)
 
 
 def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
-    """The file with the rough gains and dead zones in it, a start for a fit; AnswerNo where the wiring is wrong
-    or nothing moved."""
+    """Return the file with the rough gains and dead zones, as a start for a fit.
+
+    Raise AnswerNo if the wiring is wrong or a direction did not move the vehicle.
+    """
     if (reason := joined([*first.wiring, *first.still])) is not None:
         raise AnswerNo(reason)
     file = vehicle_file
@@ -265,7 +270,7 @@ def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
 
 
 def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tuple[float, float], float]:
-    """(1), and the parts of Σ v² and Σ Δψ² over all pulses that they leave, together."""
+    """Return the gains (1), and the sum of the relative residuals of v and Δψ over all pulses."""
     from baqueano.simulate import simulate  # a robot drives, and leaves the rest to a laptop
 
     model = simulate(file, np.clip(run.applied, -file.command.limit, file.command.limit), noise=False)
@@ -291,14 +296,14 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
 
 
 def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ...]:
-    """Return (2); from the gyro alone where the accelerometer did not feel enough."""
+    """Return the wiring faults of (2), from the gyro only if the measured speeds are not significant."""
     turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((ways[0], ways[2])):
             if p.significance > SIGNIFICANT and _along(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
-                both[wheel] += p.v * p.turn * side  # v goes with the turn: the large pulses count most
+                both[wheel] += p.v * p.turn * side  # v times turn: the large pulses count most
                 var[wheel] += (p.turn * p.v / max(p.v_significance, 1e-9)) ** 2
     if not np.all(turn != 0.0):
         return ()
@@ -315,12 +320,12 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
 
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
-    """The smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
+    """Return the smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
     return min(_levels([p for p in pulses if p.significance > SIGNIFICANT], way), default=float("nan"))
 
 
 def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:
-    """The parts of `way` (n,) that were tried."""
+    """Return the parts of `way` (n,) that were tried."""
     return [float(p.u @ way / (way @ way)) for p in pulses if p.u @ way > 0.0 and _along(p.u, way)]
 
 
@@ -344,7 +349,7 @@ def _way_words(way: np.ndarray, vehicle_file: VehicleFile) -> str:
 
 
 def _largest(x: np.ndarray) -> float:
-    """The entry of the largest size, with its sign."""
+    """Return the entry of the largest magnitude, with its sign."""
     return float(x[np.argmax(np.abs(x))])
 
 

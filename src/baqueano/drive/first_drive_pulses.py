@@ -1,17 +1,15 @@
-"""The pulses of a first drive: nothing is known of the vehicle but that it has an IMU.
+"""Give the pulses of a first drive, when the only known fact about the vehicle is its IMU.
 
-`Careful` gives one pulse after the other, each of PULSE_S and in one direction, as small as may be:
+`Careful` gives one pulse after the other, each of PULSE_S and in one direction, as small as possible:
 
-    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SIGNIFICANT sd (1)
+  level ← level + max(STEP, GROWTH level)          while neither |v| nor |Δψ| exceeds SIGNIFICANT sd      (1)
 
-A pulse ends at once where |v| or |ω| passes its limit. A direction is done after such a pulse, after
-ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest level is
-next. So forward and backward, left and right take turns around one spot; one that leads back to the spot goes before,
-and one that leads away waits for those of which nobody knows yet. Levels are parts of [command] limit; directions are
-those of the channels, of a car the throttle with the wheel straight, left and right.
-
-`CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both know when it is
-done.
+A pulse ends at once if |v| or |ω| passes its limit. A direction is done after such a pulse, after ENOUGH pulses that
+moved the vehicle, or at full command. The next pulse goes to the unfinished direction with the lowest level, so
+forward and backward, left and right alternate around one spot. A direction that leads back to the spot goes first; one
+that leads away waits for those whose effect is unknown. Levels are parts of [command] limit. The directions are those
+of the channels; for a car, the throttle with the wheel straight, left and right.
+`CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both stop together.
 """
 
 from dataclasses import dataclass
@@ -25,11 +23,11 @@ PULSE_S, PAUSE_S, FIRST_S = 0.25, 0.8, 2.0
 STEP, GROWTH = 0.04, 0.12  # of a level
 SIGNIFICANT = 6.0  # standard deviations
 ENOUGH = 10  # pulses in one direction that moved the vehicle
-BACK_M = 0.05  # from the spot, above which the way back goes before
+BACK_M = 0.05  # from the spot, above which the way back goes first
 
 
 class Pulses(NamedTuple):
-    """State of `Careful`. D directions."""
+    """State of `Careful`, with D directions."""
 
     begun_ns: int  # -1 before the first tick
     since_ns: int  # of the pulse or the pause
@@ -37,10 +35,10 @@ class Pulses(NamedTuple):
     last: int  # the direction of the last pulse; -1 before the first
     level: np.ndarray  # (D,) of the next pulse
     moved: np.ndarray  # (D,) pulses that moved the vehicle
-    gone: np.ndarray  # (D, 2) where each last took it, along and across its heading
+    gone: np.ndarray  # (D, 2) last displacement [m] of each, along and across the heading
     done: np.ndarray  # (D,) bool
     at: np.ndarray  # (3,) pose at the begin of the pulse
-    significance: float  # the most that v and Δψ of this pulse were in standard deviations
+    significance: float  # largest v or Δψ of this pulse in standard deviations
     cut: bool  # it reached a limit
 
 
@@ -52,16 +50,16 @@ class Careful:
     speed_m_s: float = 0.2
     turn_rad_s: float = 2.5
     longest_s: float = 120.0
-    far_m: float = 0.3  # from the spot, felt, beyond the error of that: then it is over
+    far_m: float = 0.3  # estimated distance from the spot, plus its error, that ends the drive
 
     def init(self) -> Pulses:
-        """Standing."""
+        """Return the state before the first tick."""
         d = len(self.directions)
         start = np.full(d, STEP), np.zeros(d), np.zeros((d, 2)), np.zeros(d, bool), np.zeros(3)
         return Pulses(-1, -1, -1, -1, *start, 0.0, False)
 
     def advance(self, state: Pulses, estimate: Estimate) -> tuple[Pulses, np.ndarray, bool]:
-        """The command (n,) of this tick, and whether that was all."""
+        """Return the new state, the command (n,) of this tick, and True once the pulses are over."""
         t_ns, none = estimate.t_ns, np.zeros(self.directions.shape[1])
         if state.begun_ns < 0:
             state = state._replace(begun_ns=t_ns, since_ns=t_ns)
@@ -78,7 +76,7 @@ class Careful:
         return state, u, over
 
     def _observe(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """Return the motion that the pulse caused, and if it is enough."""
+        """Update the significance of the motion that the pulse caused, and `cut`."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turn = abs(estimate.eta[2] - state.at[2])
@@ -91,7 +89,7 @@ class Careful:
         )
 
     def _evaluate(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """The last pulse, taken into account."""
+        """Return the state updated by the result of the last pulse."""
         k = state.last
         if k < 0:
             return state
@@ -107,7 +105,7 @@ class Careful:
         return state._replace(level=level, moved=count, gone=shifts, done=done)
 
     def _next(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """The next pulse begins, if there is one."""
+        """Begin the next pulse, unless all directions are done."""
         psi = estimate.eta[2]
         position = np.array([np.cos(psi) * estimate.eta[0] + np.sin(psi) * estimate.eta[1],
                          np.cos(psi) * estimate.eta[1] - np.sin(psi) * estimate.eta[0]])  # fmt: skip

@@ -1,14 +1,15 @@
-"""Agreement of the model with the vehicle, and of the sensors with the model.
+"""Monitor the agreement of the model with the vehicle, and of the sensors with the model.
 
 The filter predicts every measurement and the variance of its error:
 
-    NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
+  NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
 
-y are the innovations with their covariance S, m numbers a tick. A filter that knows its vehicle has 1; above
-TOO_LARGE, when what it did not foresee is √2 times as large as it promised, the vehicle is no longer the one that
-was identified: worn, loaded, on another floor, or its IMU is loose. That is said once a run; the motors are the
-supervisor's business. Which number of which sensor disagrees for how long, the monitor says (monitor/). At the end of
-the run it is said whether it left the envelope of the fit, and how often the estimator refused each number.
+y are the innovations with their covariance S, m the numbers that arrived in a tick. A filter that fits its vehicle has
+NIS = 1. Above TOO_LARGE the innovations are √2 times as large as predicted: the vehicle is no longer the identified
+one. It is worn, loaded, on another floor, or its IMU is loose. This is reported once a run; stopping the motors is
+left to the supervisor. The monitor (monitor/) reports which channel of which sensor disagrees, and for how long. At
+the end of the run, a report states if it left the envelope of the fit, and how often the estimator refused each
+channel.
 """
 
 from collections import deque
@@ -24,19 +25,19 @@ from baqueano.vehicle_file.envelope import Envelope, Watch
 
 WINDOW_S = 5.0
 TOO_LARGE = 2.0
-FAR = 5.0  # standard deviations: one wild measurement counts as no more
+FAR = 5.0  # standard deviations: the limit for a single wild measurement
 SOURCE = "model"
 SENSORS_SOURCE = "sensors"
 Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 
 def shown(degraded: tuple[Finding, ...]) -> Diagnostic | None:
-    """Return the degraded sensors of a tick as one message; None of none."""
+    """Return the degraded sensors of a tick as one message, or None without any."""
     return joined(finding.diagnostic for finding in degraded)
 
 
 class Health:
-    """Listens to the ticks and the estimates of one run, of a vehicle whose fit saw `envelope`."""
+    """The agreement of model and sensors during one run, for a vehicle whose fit covered `envelope`."""
 
     def __init__(self, envelope: Envelope | None = None, sensors: Watching | None = None) -> None:
         self._watch = Watch(envelope)
@@ -47,7 +48,7 @@ class Health:
 
     @property
     def degraded(self) -> tuple[Finding, ...]:
-        """Return the sensors that have disagreed for long and still do."""
+        """Return the sensors that still disagree after a long time."""
         return () if self._sensors is None else self._sensors.degraded
 
     def lines(self, tick: Tick, estimate: Estimate) -> list[Line]:
@@ -56,7 +57,7 @@ class Health:
         notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
             self._sensors is not None and self._sensors.suspect
-        ):  # a fit to readings of a broken sensor helps nobody
+        ):  # a fit to readings of a broken sensor is useless
             self._forget()
         misfit = self.check(tick.t_ns, estimate)
         model = [] if misfit is None else [(SOURCE, "warning", misfit)]
@@ -80,11 +81,11 @@ class Health:
         return self._watch.flags(note("envelope.this-run"))
 
     def count(self, tick: Tick) -> None:
-        """Count a tick for `beyond`."""
+        """Include a tick in the envelope that `beyond` reports."""
         self._watch.update(tick)
 
     def check(self, t_ns: int, estimate: Any) -> Diagnostic | None:
-        """Return a message when the model does not fit any more; None else, and after it was said."""
+        """Return a message if the model no longer fits; None otherwise, and after the first report."""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.reported or y is None or S is None:
             return None
@@ -109,8 +110,10 @@ class Health:
 
 
 def normalised_square(y: list[float], S: list[list[float]]) -> float | None:
-    """Return yᵀ S⁻¹ y / m of the m innovations that arrived; None of none. `y`, `S` are used up. Of three numbers NumPy
-    takes five times as long."""
+    """Return yᵀ S⁻¹ y / m of the m innovations that arrived, or None if none arrived.
+
+    `y` and `S` are overwritten. For three numbers NumPy takes five times as long.
+    """
     finite, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
     for at, k in enumerate(finite, 1):
         total += y[k] * y[k] / S[k][k]

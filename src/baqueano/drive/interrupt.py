@@ -1,4 +1,4 @@
-"""Ctrl-C ends a drive between two ticks, so that no record is half; a second one ends it at once."""
+"""Let Ctrl-C end a drive between two ticks, so that each record is complete; a second Ctrl-C ends it at once."""
 
 import signal
 import threading
@@ -9,7 +9,7 @@ from types import FrameType
 
 @contextmanager
 def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
-    """The same ticks, until Ctrl-C: then KeyboardInterrupt, before the next one."""
+    """Yield the same ticks until Ctrl-C; then raise KeyboardInterrupt before the next one."""
     interrupted = False
 
     def ask(number: int, frame: FrameType | None) -> None:

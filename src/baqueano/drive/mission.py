@@ -1,7 +1,7 @@
-"""A mission as data: the same on the laptop, in a simulation and on the vehicle.
+"""Represent a mission as data: the same on the laptop, in a simulation and on the vehicle.
 
-`perform` turns it into a run with the verbs of verbs.py. `packed` makes it ready to be sent: its JSON then holds every
-double with all its digits, the text of the vehicle file and of the blocks that the user wrote.
+`perform` turns it into a run with the functions of verbs.py. `packed` makes it ready to be sent: its JSON then holds
+every double with all its digits, the text of the vehicle file and of the blocks that the user wrote.
 """
 
 import json
@@ -31,8 +31,10 @@ MOST_LAPS = 10**9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
-    """A mission. An experiment has `u`, a repetition a route, a lesson a route or, driven by hand, none; "drive" is
-    by hand and teaches nothing. UsageError where `u` or the route is missing.
+    """A mission. Raise UsageError if `u` or the route is missing.
+
+    An experiment has `u`, a repetition a route. A lesson has a route, or none if a person drives. "drive" is by hand
+    and does not teach a route.
 
     >>> lesson_by_hand = Mission("teach")
     >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
@@ -78,7 +80,7 @@ class Mission:
 
     @classmethod
     def of_json(cls, text: str) -> "Mission":
-        """The inverse of `json`; UsageError for anything else."""
+        """Return the mission of this JSON, the inverse of `json`. Raise UsageError for anything else."""
         try:
             document = json.loads(text, parse_constant=_finite, parse_float=_finite)
             if document.pop("format") != FORMAT:
@@ -97,8 +99,10 @@ class Mission:
 
 
 def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
-    """The mission with the text of the vehicle file, and of all files of the user's in which it or the vehicle file
-    names blocks; both name them from the folder of the vehicle file. FileError where two such files have one name.
+    """Return the mission with the text of the vehicle file, and of all the user's files with blocks that are named.
+
+    Mission and vehicle file name such blocks relative to the folder of the vehicle file. Raise FileError if two of
+    these files have the same name.
 
     >>> from baqueano.vehicle_file import load
     >>> ready = packed(Mission("first drive"), load("small"))
@@ -127,9 +131,10 @@ def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
 def perform(
     mission: Mission, vehicle_file: VehicleFile, hand: Callable[[], np.ndarray] | None = None, **options: Any
 ) -> Run:
-    """The run of a mission on the vehicle of the file. `hand` returns the command (n,) that a person wants now.
-    Options as in `session.drive` and its `Conditions`: another `world` is another vehicle, see
-    `worlds.Robot`. UsageError for a lesson without a route or a hand.
+    """Return the run of a mission on the vehicle of the file. `hand` returns the present command (n,) of a person.
+
+    Options as in `session.drive` and its `Conditions`: another `world` is another vehicle, see `worlds.Robot`. Raise
+    UsageError for a lesson without a route or a hand.
 
     >>> from baqueano.vehicle_file import load
     >>> run = perform(Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (50, 1))), load("small"))
@@ -155,12 +160,12 @@ def perform(
 
 
 def unpacked(mission: Mission, folder: Path) -> VehicleFile:
-    """The vehicle file of a mission, written into `folder` beside the user's blocks, and loaded."""
+    """Write the vehicle file of a mission and the user's blocks into `folder`, and return the loaded file."""
     for name, text in mission.texts.items():
         if Path(name).name != name or not name.endswith(".py"):
             raise UsageError(fault("mission.file-name", name=repr(name)))
         (folder / name).write_text(text, encoding="utf-8")
-    for name in mission.texts:  # all of the user's text that runs before there is a block
+    for name in mission.texts:  # executes the user's code before a block is created
         read(name, folder)
     path = folder / "vehicle.toml"
     path.write_text(mission.vehicle, encoding="utf-8")
@@ -175,7 +180,7 @@ def _kinds(data: JsonObject) -> list[str]:
 
 
 def _finite(number: str) -> float:
-    """Return a number of JSON; ValueError for NaN and Infinity, and for what does not fit a double."""
+    """Return a number of JSON. Raise ValueError for NaN, Infinity, and numbers that do not fit a double."""
     value = float(number)
     if not abs(value) < float("inf"):
         raise ValueError(f"{number} is not finite")
@@ -183,7 +188,7 @@ def _finite(number: str) -> float:
 
 
 def _check(name: str, value: object) -> None:
-    """ValueError where a field of a mission is of another type."""
+    """Raise ValueError if a field of a mission has the wrong type."""
     of_texts = isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
     right = {
         "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_LAPS,

@@ -1,4 +1,5 @@
-"""Observers of a drive: each is called at every tick, and may stop the vehicle by what its signals do not show."""
+"""Define observers of a drive: each is called at every tick, and may stop the vehicle for reasons not in its
+signals."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ LastLine = tuple[str, str, Diagnostic | str]  # source, level, message
 
 
 class Observer:
-    """Watches and asks for nothing; a subclass overrides what it cares for.
+    """An observer that does nothing; a subclass overrides the methods that it needs.
 
     >>> class Loud(Observer):
     ...     def progress(self, done_s: float) -> None:
@@ -25,59 +26,59 @@ class Observer:
     """
 
     def begin(self, blocks: Blocks) -> Blocks:
-        """Return the blocks that are to drive, those given or others around them, before the first tick."""
+        """Return the blocks that are to drive, those given or wrapped ones, before the first tick."""
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return why the vehicle must stop at `t_ns`; None if it may go on."""
+        """Return the reason to stop the vehicle at `t_ns`, or None if it may continue."""
         return None
 
-    def marked(self) -> int:
-        """Return how often a person said since the last tick that the vehicle is on its mark."""
+    def marks(self) -> int:
+        """Return how often a person has reported since the last tick that the vehicle is on its mark."""
         return 0
 
     def events(self) -> Iterable[LastLine]:
         """Return the events of the run since the last tick."""
         return ()
 
-    def happened(self, t_ns: int, source: str, what: Diagnostic | str) -> None:
-        """Hear an event of the run, once it is written."""
+    def on_event(self, t_ns: int, source: str, event: Diagnostic | str) -> None:
+        """Receive an event of the run, once it is written."""
 
     def look(self, record: Record) -> None:
-        """Take the record of a tick, once it is written."""
+        """Receive the record of a tick, once it is written."""
 
     def progress(self, done_s: float) -> None:
-        """Take the seconds of the drive that are done, from time to time."""
+        """Receive the duration [s] of the drive so far, from time to time."""
 
-    def unlogged(self, what: Diagnostic) -> None:
-        """Hear that the disk takes no more of the run; a live drive goes on."""
+    def on_disk_full(self, reason: Diagnostic) -> None:
+        """Receive the message that the disk stores no more of the run; a live drive continues."""
 
-    def ended(self, reason: Diagnostic | None) -> Iterable[LastLine]:
+    def end(self, reason: Diagnostic | None) -> Iterable[LastLine]:
         """Return the last events of the run; `reason` is None if nothing stopped it."""
         return ()
 
 
 @dataclass(frozen=True, eq=False)
 class Progress(Observer):
-    """Tells a function the seconds that are done."""
+    """An observer that passes the duration of the drive so far to a function."""
 
     tell: Callable[[float], object]
 
     def progress(self, done_s: float) -> None:
-        """Tell them."""
+        """Pass the duration [s] to `tell`."""
         self.tell(done_s)
 
 
 class WatchdogState(NamedTuple):
-    """State of the watchdog: the supervisor's, and the reason for stopped motors."""
+    """State of the watchdog: the supervisor's state, and the reason for stopped motors."""
 
     supervisor: Tree
-    reason: Diagnostic | None  # None while it goes on
+    reason: Diagnostic | None  # None while it is not stopped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watchdog:
-    """Stops for the reasons of `supervisor` and for those of the observers. Latched like those."""
+    """A supervisor that stops also for the reasons of the observers; both kinds of stop are latched."""
 
     goes_around: ClassVar[tuple[str, ...]] = ("supervisor",)
 
@@ -85,13 +86,13 @@ class Watchdog:
     observers: Sequence[Observer]
 
     def init(self) -> WatchdogState:
-        """Not stopped."""
+        """Return the state of a vehicle that is not stopped."""
         return WatchdogState(self.supervisor.init(), None)
 
     def step(
         self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[WatchdogState, Command]:
-        """The command (n,) that may reach the motors."""
+        """Return the new state, and the command (n,) that may reach the motors."""
         inner, safe_command = self.supervisor.step(state.supervisor, command, tick, estimate)
         # the cause before what follows from it
         reason = state.reason or self._reason(tick.t_ns) or stop_reason(inner)

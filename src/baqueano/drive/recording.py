@@ -1,4 +1,4 @@
-"""The recorder of a drive: each tick, the messages of the world and the monitor, and the end."""
+"""Record a drive: each tick, the messages of the world and the monitor, and the end."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ PROGRESS_EVERY = 50  # ticks
 
 @dataclass
 class Recording:
-    """Listens to the loop, pours everything into `sink`, and shows it to the observers."""
+    """A recorder that writes all data of the loop to `sink`, and passes it to the observers."""
 
     sink: RunSink
     world: World
@@ -38,7 +38,7 @@ class Recording:
         self.last_ns = self.begun_ns
 
     def begin(self, notes: Iterable[Diagnostic | str]) -> None:
-        """Write the data that are known before the first tick."""
+        """Write the messages that are known before the first tick."""
         for message in notes:
             grave = isinstance(message, Diagnostic) and message.severity == Severity.WARNING
             self.sink.event(self.begun_ns, "warning" if grave else "info", "drive", message)
@@ -58,7 +58,7 @@ class Recording:
             self._event(t_ns, level, source, cause)
         for room in tuple(self.diagnostics):
             self._ask(room, record)
-        for _ in range(sum(observer.marked() for observer in self.observers)):
+        for _ in range(sum(observer.marks() for observer in self.observers)):
             self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
         for source, level, message in [line for observer in self.observers for line in observer.events()]:
             self._event(t_ns, level, source, message)
@@ -66,17 +66,17 @@ class Recording:
         self.ticks, self.last_ns = self.ticks + 1, t_ns
 
     def stopped(self, t_ns: int, reason: Diagnostic) -> None:
-        """Why the motors are stopped from now on."""
+        """Write the reason for which the motors are stopped from now on."""
         self._event(t_ns, "error", STOP_SOURCE, reason)
 
     def end(self, reason: Diagnostic | None) -> None:
-        """The last events; `reason` says why the vehicle was stopped, None if nothing stopped it."""
-        lines = [line for observer in self.observers for line in observer.ended(reason)]
+        """Write the last events; `reason` is the reason of the stop, or None if nothing stopped the vehicle."""
+        lines = [line for observer in self.observers for line in observer.end(reason)]
         for source, level, message in (*self.health.last_lines(), *lines):
             self.sink.event(self.last_ns, level, source, message)
 
     def _ask(self, room: str, record: Record) -> None:
-        """Write what a block says of its state; one that raises is not asked again."""
+        """Write the diagnostic of a block for its state; a block that raises an error is not called again."""
         state, t_ns = getattr(record.states, room, None), record.tick.t_ns
         if state is None:  # it was replaced after a fault
             return
@@ -91,7 +91,7 @@ class Recording:
     def _event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
         self.sink.event(t_ns, level, source, message)
         for observer in self.observers:
-            observer.happened(t_ns, source, message)
+            observer.on_event(t_ns, source, message)
 
     def _show(self, record: Record) -> None:
         failure, shown_record = self.sink.failure, record._replace(degraded=self.health.degraded)
@@ -100,7 +100,7 @@ class Recording:
             self.logged = False
             disk = note("drive.disk-full", Severity.ERROR, error=failure.strerror or str(failure))
             for observer in self.observers:
-                observer.unlogged(disk)
+                observer.on_disk_full(disk)
         for observer in self.observers:
             observer.look(shown_record)
             if self.ticks % PROGRESS_EVERY == 0:
@@ -108,13 +108,13 @@ class Recording:
 
 
 def messages_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
-    """Return by room what tells of a state what its blocks say, those inside of others too."""
+    """Return by room a function that returns the diagnostic of its block, or of a block inside it, for a state."""
     sayings = {room: tuple(_sayings(block)) for room, block in blocks._asdict().items()}
     return {room: partial(_first, diagnose) for room, diagnose in sayings.items() if diagnose}
 
 
 def _sayings(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
-    """Yield `diagnostic` of a block and of those inside, for the state of the outermost."""
+    """Yield `diagnostic` of a block and of the blocks inside it, for the state of the outermost."""
     if (
         inner := getattr(block, "block", None)
     ) is not None:  # timed, compiled: with the state of the one inside

@@ -1,4 +1,4 @@
-"""A drive: blocks and a world in, a run out. The verbs of this room all end here."""
+"""Run a drive: blocks and a world in, a run out. All functions of verbs.py end here."""
 
 import inspect
 from collections.abc import Iterable, Sequence
@@ -34,14 +34,14 @@ from baqueano.worlds.faults.fault import FaultLike
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditions:
-    """The recorder and the options of a drive.
+    """The world, the clock and the options of a drive.
 
-    The world is a simulation of `truth` (a vehicle file; by default that which the file of the drive names, itself if
-    none) with the noise of `seed`, for `duration_s` at most. Another `world` and its clock `ticking` may be given.
-    `shake` are the faults that happen to it, as `worlds.Fault` or in words ("12 s: push 0.3 N s left"); an empty list
-    gives the undisturbed twin of a shaken run, bit for bit up to its first fault.
-    `eta` (3,) [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `backend`:
-    see `symbolic.compiled`.
+    The world is a simulation of `truth` with the noise of `seed`, for `duration_s` at most. `truth` is a vehicle file;
+    its default is the truth that the file of the drive names, or that file itself. Another `world` and its clock
+    `ticking` may be given. `shake` are the faults that happen to it, as `worlds.Fault` or as text ("12 s: push 0.3 N s
+    left"); an empty list gives the undisturbed twin of a shaken run, bit for bit equal up to its first fault. `eta`
+    (3,) [m, rad] is the pose at the start, or (6,) with the velocity of a vehicle that is moving then. `backend`: see
+    `symbolic.compiled`.
     """
 
     truth: VehicleFile | None = None
@@ -59,7 +59,7 @@ class Conditions:
         return np.zeros(3) if self.eta is None else np.array(self.eta, dtype=float)
 
     def world_of(self, vehicle_file: VehicleFile) -> World:
-        """Return the world; UsageError where file and world take another number of commands."""
+        """Return the world. Raise UsageError if file and world have different numbers of commands."""
         world = self.world or self._simulated_world(vehicle_file)
         if self.world is not None and self.shake is not None:
             raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
@@ -78,15 +78,17 @@ class Conditions:
         return clock.simulated(vehicle_file.rate_hz, self.duration_s)
 
     def metadata(self, kind: str, blocks: Blocks) -> dict[str, str]:
-        """Return what a run says of them."""
+        """Return the metadata that a run contains about them."""
         start = " ".join(map(repr, self.start.tolist()))
         backend = blocks.estimator.backend if isinstance(blocks.estimator, CompiledBlock) else "numpy"
         return {"kind": kind, "seed": str(self.seed), "start": start, "backend": backend}
 
 
 def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
-    """Return what a run says of the blocks that are not ours, "controller" and its text as "controller.text"; and a
-    message for each whose text Python does not know."""
+    """Return the metadata on blocks that are not built in, and a message for each whose source text Python cannot find.
+
+    The key "controller" holds the class and its numbers, "controller.text" the source text.
+    """
     rooms = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
     own = {room: part for room in rooms for part in optional.nested(rooms[room]) if not is_ours(type(part))}
     texts = {room: source_text(type(block)) for room, block in own.items()}
@@ -127,27 +129,27 @@ def drive(
     vehicle_file : VehicleFile
         The vehicle to which they belong.
     kind : str
-        The verb that stands in the metadata of the run.
+        The kind of drive in the metadata of the run.
     path : path, optional
-        File in which the run is written while it happens.
+        File to which the run is written during the drive.
     live : bool
         True for a real vehicle, which waits neither for the disk nor for a block that hangs.
     observers : sequence of Observer
-        Asked at each tick whether to stop; they see its record.
+        Called at each tick with its record; they may stop the drive.
     **conditions : object
         Keywords of `Conditions`: world, truth, seed, rate, back end.
 
     Returns
     -------
     Run
-        Without records where `live` writes into a file: an hour would take more memory than a vehicle has.
+        Without records if `live` writes into a file: an hour would take more memory than a vehicle has.
 
     Raises
     ------
     UsageError
-        Where file and world take another number of commands.
+        If file and world have different numbers of commands.
     SafetyStop
-        Where the drive is stopped before its first tick. One that is stopped later returns its run: `stop_of` has why.
+        If the drive is stopped before its first tick. A later stop returns the run, and `stop_of` returns the reason.
     FileError
         At the end of a drive whose disk was full; `path` holds what was written before.
 
@@ -198,7 +200,7 @@ def drive(
 def _prepare(
     blocks: Blocks, vehicle_file: VehicleFile, settings: Conditions, live: bool
 ) -> tuple[Blocks, Watching | None, list[Diagnostic]]:
-    """Return the blocks that drive, the monitor of the sensors, and what is to be said of both."""
+    """Return the blocks that drive, the monitor of the sensors, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
     sensors, sensor_notes = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, ready, *inputs) if live else ready(*inputs)
@@ -215,7 +217,7 @@ def _prepare(
 
 
 def stop_of(run: Run) -> Diagnostic | None:
-    """Return why the motors were stopped in this run; None if nothing stopped them."""
+    """Return the reason why the motors were stopped in this run, or None if nothing stopped them."""
     event = next((e for e in run.events if e.source == STOP_SOURCE and e.level == "error"), None)
     if event is None or event.diagnostic is not None:
         return None if event is None else event.diagnostic
@@ -223,13 +225,15 @@ def stop_of(run: Run) -> Diagnostic | None:
 
 
 def marks_of(run: Run) -> list[int]:
-    """The times [ns] at which the driver said that the vehicle was on its mark."""
+    """Return the times [ns] at which the driver reported that the vehicle was on its mark."""
     return [e.t_ns for e in run.events if e.source == MARK_SOURCE]
 
 
 def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagnostic]]:
-    """The blocks compiled, and tried once so that the first tick does not wait for a compiler. A block that
-    cannot be compiled runs as it is written, slower; the diagnostics say which, and why."""
+    """Return the blocks compiled, each tried once so that the first tick does not wait for a compiler.
+
+    A block that cannot be compiled runs as Python code, slower; the diagnostics name it and the reason.
+    """
     if backend == "numpy":
         return blocks, []
     try:
@@ -249,7 +253,7 @@ def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagno
 
 
 def watched(vehicle_file: VehicleFile, estimator: Estimator) -> tuple[Watching | None, list[Diagnostic]]:
-    """The monitor of the sensors beside this estimator; None, and why, where there can be none."""
+    """Return the monitor of the sensors for this estimator; None, and the reason, if it cannot be built."""
     if not vehicle_file.sensors:
         return None, []
     tick = example_tick(vehicle_file)
@@ -266,7 +270,7 @@ def watched(vehicle_file: VehicleFile, estimator: Estimator) -> tuple[Watching |
 def fast(
     room: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
-    """The block compiled, or as it is and why."""
+    """Return the block compiled, or unchanged with the reason."""
     if optional.of(block, "as_written"):
         return block, None
     try:
@@ -284,13 +288,15 @@ def fast(
 
 
 def _may_hang(block: object) -> bool:
-    """Return True for text of the user's: neither compiled nor ours."""
+    """Return True for Python code of the user: neither compiled nor built in."""
     return not (optional.of(block, "as_written") or isinstance(block, CompiledBlock))
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
-    """The start (3,) or (6,) to tell the estimator, as much of it as its init() takes, None for one that
-    takes none; and a diagnostic if that matters."""
+    """Return as much of the start (3,) or (6,) as the estimator's init() takes, and a diagnostic if the rest matters.
+
+    The start is None for an estimator that takes none.
+    """
     if takes := len(inspect.signature(estimator.init).parameters):
         return start if takes > 1 else start[:3], None
     block_name = type(estimator.block if isinstance(estimator, CompiledBlock) else estimator).__name__
@@ -299,7 +305,7 @@ def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarra
 
 
 def example_tick(vehicle_file: VehicleFile) -> Tick:
-    """A tick of this vehicle in which nothing happened."""
+    """Return a tick of this vehicle at rest, without measurements."""
     sensors = vehicle_file.sensors
     return Tick(
         0,
@@ -309,7 +315,7 @@ def example_tick(vehicle_file: VehicleFile) -> Tick:
 
 
 def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recording: Recording) -> None:
-    """The loop; SafetyStop where it was stopped before its first tick."""
+    """Run the loop. Raise SafetyStop if it was stopped before its first tick."""
     with between_ticks(ticking) as until_interrupted:
         outcome = loop.run(
             blocks, recording.world, until_interrupted, recording.tick, recording.stopped, start
@@ -320,7 +326,7 @@ def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recor
 
 
 def _first_ns(ticking: Iterable[int]) -> int:
-    """The time of the first tick where it is known before the clock runs, else 0."""
+    """Return the time of the first tick if it is known before the clock runs, else 0."""
     return int(ticking[0]) if isinstance(ticking, list) and ticking else 0
 
 

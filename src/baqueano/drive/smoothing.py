@@ -1,4 +1,4 @@
-"""A replayed run whose estimates know what came later."""
+"""Smooth the estimates of a replayed run with its later measurements."""
 
 from dataclasses import replace
 from typing import Any
@@ -20,8 +20,11 @@ from baqueano.vehicle_file.file import VehicleFile
 def smoothed(
     run: Run, vehicle_file: VehicleFile, estimator: Estimator, start: np.ndarray, backend: str = "auto"
 ) -> Run:
-    """Return the run with the estimates of `estimator` smoothed over its ticks, from the pose `start` (3,), or pose and
-    velocity (6,). UsageError for an estimator other than a Kalman filter, or one that cannot be compiled."""
+    """Return the run with the estimates of `estimator` smoothed over its ticks.
+
+    `start` is the pose (3,), or pose and velocity (6,). Raise UsageError for an estimator that is not a Kalman filter
+    or cannot be compiled.
+    """
     sizes = {name: sensor.size for name, sensor in vehicle_file.sensors._asdict().items()}
     initial, _ = initial_pose_for(estimator, start)
     belief = estimator.init(
@@ -41,7 +44,7 @@ def smoothed(
 
 
 def _ticks(run: Run, sizes: dict[str, int]) -> Tick:
-    """The ticks of the run, leaves leading with N; a sensor that the run does not hold is silent."""
+    """Return the ticks of the run stacked, with N as the first axis; a sensor that is not in the run is silent."""
     ticks, n = list(run.ticks()), len(run.t_ns)
     slots = {}
     for name, m in sizes.items():

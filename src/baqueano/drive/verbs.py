@@ -1,4 +1,4 @@
-"""experiment, teach, repeat, replay: what one does with a vehicle. Each leaves a run."""
+"""Drive a vehicle: experiment, teach, repeat, replay. Each function returns a run."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -27,7 +27,7 @@ from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.worlds import ReplayedWorld
 
 ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
-STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower than this at both ends of a drive is waiting, not driving
+STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive counts as waiting
 CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start came back to it
 
 
@@ -55,7 +55,7 @@ def experiment(
     Raises
     ------
     UsageError
-        Where `u` has another shape, or a number that is not finite.
+        If `u` has another shape, or a number that is not finite.
 
     Examples
     --------
@@ -127,9 +127,9 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
         A route or a guide to follow with the vehicle's own controller; a list of (seconds, command (n,)); or a function
         without arguments that returns the command (n,) of this moment.
     closed : bool
-        True where the drive comes back to its start.
+        True if the drive returns to its start.
     **options : object
-        `estimator` and `controller` as in `repeat`; `hold`: where a function asks for straight on, the gyro keeps the
+        `estimator` and `controller` as in `repeat`; `hold`: if a function commands straight motion, the gyro keeps the
         heading; keywords of `drive`.
 
     Returns
@@ -140,9 +140,9 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     Raises
     ------
     UsageError
-        For another driver.
+        For another type of driver.
     AnswerNo
-        Where the vehicle did not move, or a closed drive ended farther from its start than CLOSE_M and CLOSE_RAD.
+        If the vehicle did not move, or a closed drive ended farther from its start than CLOSE_M and CLOSE_RAD.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def lesson(
     vehicle_file: VehicleFile, driver: Driver, hold: bool = False, kind: str = "teach", *,
     estimator: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
-    """Return the run of a drive as `driver` says, see `teach`; `kind` stands in its metadata."""
+    """Return the run of a drive as `driver` directs, see `teach`; its metadata contain `kind`."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
         driver = Repeat.along(driver)
@@ -183,10 +183,10 @@ def repeat(
     vehicle_file: VehicleFile, route: Route, laps: int = 1, *, estimator: OwnBlock | None = None,
     guide: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
-    """Repeat a route, with the blocks of the file.
+    """Repeat a route with the blocks of the file.
 
-    The route is judged before anything moves (`routes.examine`). The vehicle begins at its start, or at the pose `eta`;
-    it then drives onto the route first. While it drives, a doubtful estimate slows and stops it.
+    The route is checked before the vehicle moves (`routes.examine`). The vehicle begins at the start of the route, or
+    at the pose `eta`, and then drives to the route first. A doubtful estimate slows and stops it.
 
     Parameters
     ----------
@@ -195,16 +195,16 @@ def repeat(
     route : Route
         The path and its times.
     laps : int
-        Laps of a closed route; 0 is for ever.
+        Laps of a closed route; 0 repeats it without end.
     estimator, guide, controller : str, type or block, optional
-        In place of the file's: a kind of ours, "file.py:Class", a class, which is made with what the file holds, or a
-        block as it is. The run records the text of those that are not ours.
+        In place of the file's: a built-in kind, "file.py:Class", a class, built with the values of the file, or a
+        finished block. The run records the text of those that are not built in.
     **options : object
-        `check`: False to judge no route; `anyway`: also one that is too fast or has gaps; `room`: stop before the
-        vehicle may leave it; `lead_in`: False to begin with the route wherever the vehicle stands; `way_back`: drive
-        back to the start afterwards; `caution`: False to go on with a doubtful estimate; `patience_s`: after which a
-        vehicle that is stuck is given
-        up. Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
+        `check`: False to skip the check of the route; `anyway`: drive also a route that is too fast or has gaps;
+        `room`: stop before the vehicle may leave it; `lead_in`: False to begin with the route at any pose;
+        `way_back`: drive back to the start afterwards; `caution`: False to continue with a doubtful estimate;
+        `patience_s`: the time after which the drive of a stuck vehicle ends.
+        Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
     -------
@@ -214,11 +214,11 @@ def repeat(
     Raises
     ------
     AnswerNo
-        Where the route jumps, has a gap or a wall in its way, or is faster than the vehicle.
+        If the route jumps, has a gap or a wall in its way, or is faster than the vehicle.
     FileError
-        Where the file lacks gains or noise: `tune` and `identify` find them.
+        If the file lacks gains or noise: `tune` and `identify` find them.
     UsageError
-        For a block of another room.
+        If a block belongs to another room.
 
     Examples
     --------
@@ -253,20 +253,20 @@ def replay(
     """Pass the ticks of a run through blocks again; no vehicle moves.
 
     The same blocks and back end give the same numbers, bit for bit. The commands of a controller are recorded as
-    requested, and move nothing.
+    requested, and do not move anything.
 
     Parameters
     ----------
     run : Run
         A recorded run.
     vehicle_file : VehicleFile, optional
-        Where the blocks come from; without it the file that the run holds.
+        The source of the blocks; without it the file in the run.
     blocks : Blocks, optional
         All blocks of the loop at once.
     estimator, guide, controller : str, type or block, optional
         In place of the file's, as in `repeat`.
     allow_blocks : bool
-        Execute blocks of yours that the run names.
+        True to execute the user's blocks that the run names.
     **options : object
         Keywords of `drive`.
 
@@ -299,8 +299,11 @@ def replay(
 
 
 def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
-    """The vehicle file that a run holds. UsageError for a run without one; FileError where it names a block of yours,
-    and neither the vehicle.toml of this folder names it nor `allow_blocks` is true."""
+    """Return the vehicle file that a run contains. Raise UsageError for a run without one.
+
+    Raise FileError if it names a user's block, unless the vehicle.toml of this folder names it or `allow_blocks` is
+    True.
+    """
     if not run.vehicle_text:
         raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
     with allowed(allow_blocks):
@@ -311,8 +314,11 @@ def blocks_of(
     run: Run, vehicle_file: VehicleFile, estimator: OwnBlock | None = None, guide: OwnBlock | None = None,
     controller: OwnBlock | None = None,
 ) -> Blocks:  # fmt: skip
-    """The blocks of `vehicle_file`, or those given, around the references and commands that the run recorded. A guide
-    that takes a route gets the recorded references as one. A file without gains plays the recorded commands."""
+    """Return the blocks of `vehicle_file`, or those given, around the recorded references and commands.
+
+    A guide that takes a route gets the recorded references as a route. For a file without gains, the recorded commands
+    are played.
+    """
     ref = run.reference
     leader = Idle(float("inf")) if ref is None else Playback(*ref)
     if guide is not None:
@@ -330,7 +336,7 @@ def blocks_of(
 
 
 def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
-    """Return the controller; None where the file lacks its gains."""
+    """Return the controller, or None if the file lacks its gains."""
     try:
         return vehicle_file.controller()
     except FileError as error:
@@ -340,7 +346,10 @@ def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
 
 
 def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
-    """(N, n): each command of [(seconds, command), …] held for its time."""
+    """Return the commands (N, n) of [(seconds, command), …], each held for its time.
+
+    Raise UsageError for a malformed entry.
+    """
     rows = []
     for k, step in enumerate(script):
         try:
@@ -356,7 +365,10 @@ def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz
 
 
 def route_of(run: Run, closed: bool = False) -> Route:
-    """The path that a run believed to drive, without the waiting at both ends, at ROUTE_RATE_HZ."""
+    """Return the estimated path of a run at ROUTE_RATE_HZ, without the waiting at both ends.
+
+    Raise AnswerNo without estimates or motion, or if the path should be `closed` and its ends are too far apart.
+    """
     log = run.estimate
     if log is None or len(log.t_ns) < 2:
         raise AnswerNo(fault("route.no-estimates", name=run.name))

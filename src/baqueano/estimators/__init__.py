@@ -1,11 +1,11 @@
-"""Measurements → estimate. Put yours beside `ekf.py`, or name it in the vehicle file as "file.py:Class".
+"""Estimators turn measurements into an estimate of pose and velocity.
 
     init(eta=None) -> belief;   step(belief, tick) -> (belief, Estimate)
 
-`eta` (3,) is the pose at the start; an estimator whose `init` takes nothing begins at its own origin.
+`eta` (3,) is the pose at the start. An estimator whose `init` takes no argument starts at its own origin. `step` is
+called at every tick, also when no measurement arrived: it then predicts, and its covariance grows.
 
-`step` is called at every tick, also when no sensor has anything to say: predict then, and let the
-covariance grow.
+To add an estimator, put its file beside `ekf.py`, or name it in the vehicle file as "file.py:Class".
 """
 
 from baqueano.contracts.blocks import Estimator

@@ -1,13 +1,17 @@
-"""Extended Kalman filter with an augmented state: what model and sensors do not know is estimated with the motion.
+"""Extended Kalman filter with an augmented state: it also estimates disturbances and biases.
 
-    x = (η, ν, d, κ, b)     moves as in augmented/motion.py; laid out in augmented/state.py                 (1)
+    x = (η, ν, d, κ, b)     pose, velocity, disturbance, scale errors, biases                               (1)
 
-The misfit of the model (σ_d, T) and the noise of a sensor (Q) are two numbers: where the model turns wrongly, d_ψ takes
-it and the gyro leads. A model that was identified with a gyro has the scale of that gyro: no innovation shows κ, and
-it acts on the way to the pose alone.
-At rest (no command for REST_S, predicted speed below STILL) ν and
-d are known to be 0; a refused number ends the rest, for somebody may carry the vehicle.
-Sources: Jazwinski 1970, section 8.4; Schmidt 1966; Skog et al. 2010 for the rest.
+augmented/motion.py contains the motion of x, augmented/state.py its layout.
+
+Two different parameters describe the error of the model (σ_d, T) and the noise of a sensor (Q). If the model turns
+wrongly, d_ψ explains the difference, and the gyro determines the yaw rate. A model that was identified with a gyro has
+the scale error of that gyro. Then the innovations do not show κ, and κ acts only on the path of the pose.
+
+At rest (no command for REST_S, predicted speed below STILL) the filter sets ν and d to 0. A refused number ends the
+rest, because a person may carry the vehicle.
+
+Sources: Jazwinski 1970, section 8.4; Schmidt 1966 for κ; Skog et al. 2010 for the detection of rest.
 """
 
 from collections.abc import Sequence
@@ -35,23 +39,23 @@ from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.state import DynamicVehicle
 
-REST_S = 0.5  # without a command; what rolls has come to rest by then, if its predicted speed says so too
+REST_S = 0.5  # without a command; by then a vehicle is at rest, if its predicted speed is also small
 STILL = np.array([0.01, 0.01, 0.03])  # m/s, m/s, rad/s
 AT_REST_STD = np.array([1e-3, 1e-3, 1e-3, 1e-2, 1e-2])  # of ν and d at rest
 
 
 class AugmentedBelief(NamedTuple):
-    """State of the filter from tick to tick."""
+    """State of the filter between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first
-    mean: np.ndarray  # (n,) of (1); biases and scales as differences from the file's
+    mean: np.ndarray  # (n,) of (1); biases and scales are differences from those of the vehicle file
     cov: np.ndarray  # (n, n)
     slow: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not fade
-    model_nu: np.ndarray  # (3,) of the model by the commands alone
+    model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
     gap: np.ndarray  # (m,) the last innovation of each number
     doubt: np.ndarray  # (2, 2) of speed and yaw rate: by how much, for how long  doubt.py
     place_doubt: PlaceDoubt  # of the sensors that show the pose
-    quiet_s: Value  # since the last command, or the last number that was refused
+    quiet_s: Value  # time since the last command, or since the last number that was refused
     drivetrain: DrivetrainState
 
 
@@ -67,13 +71,13 @@ class AugmentedEkf:
     sensors : NamedTuple of Sensor
         The sensors, by name.
     use : tuple of str
-        Sensors that correct, or single numbers of them: "imu[2]".
+        Sensors that correct the state, or single numbers of them: "imu[2]".
     speed_from : tuple of str
-        Inertial numbers that may correct the speed: "imu[1]".
+        Inertial numbers that may also correct the speed: "imu[1]".
 
     References
     ----------
-    Jazwinski 1970, section 8.4; Schmidt 1966; Skog et al. 2010 for the rest. docs/derivations/kalman.md.
+    Jazwinski 1970, section 8.4; Schmidt 1966; Skog et al. 2010 for the state of rest. docs/derivations/kalman.md.
 
     Examples
     --------
@@ -85,7 +89,7 @@ class AugmentedEkf:
     (6, 6)
     """
 
-    has_kalman_gains: ClassVar[bool] = False  # a number corrects what it shows, not all that it bears on
+    has_kalman_gains: ClassVar[bool] = False  # a number corrects only the states of augmented/state.py (2)
 
     vehicle: DynamicVehicle
     sensors: SensorBlocks
@@ -122,7 +126,7 @@ class AugmentedEkf:
         check_use(self.sensors, (*self.use, *self.speed_from), by_number=True)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> AugmentedBelief:
-        """Begin at η (3,) with ν (3,), at rest at the origin without them."""
+        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         its = layout(self)
         mean, gap = np.concatenate([eta, nu, np.zeros(its.size - 6)]), np.zeros(len(its.moving))
@@ -133,15 +137,15 @@ class AugmentedEkf:
         )
 
     def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Predict, then correct with what came. A tick that is not newer changes nothing."""
+        """Predict, then correct with the measurements that arrived. A tick that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
-        """The silent rows that come before this tick.  pauses.py"""
+        """Return the rows without measurements that fill a pause before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """One row, finite and positive definite whatever its length."""
+        """Advance by one row of any length; the result is finite and positive definite."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x = ahead(self, Gaussian(belief.mean, belief.cov), belief.slow, effort, row)
@@ -188,19 +192,19 @@ class AugmentedEkf:
 
     @property
     def process_noise_cov(self) -> np.ndarray:
-        """R (6, 6) of (ν, ν̇) per tick that says roughly the same to a filter with white noise alone."""
+        """Return R (6, 6) of (ν, ν̇) per tick: roughly the same disturbance, for a filter that only has white noise."""
         dt_s, d = 1.0 / self.rate_hz, self.disturbance_std[[0, 0, 1]]
         fading = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
         return np.diag(np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * fading, 1e-9)]))
 
 
 def _at_rest(x: Gaussian) -> Gaussian:
-    """The state with ν = 0 and d = 0."""
+    """Return the state with ν = 0 and d = 0."""
     keep, rest = np.ones(len(x.mean)), np.zeros(len(x.mean))
     keep[3:SCALES], rest[3:SCALES] = 0.0, AT_REST_STD**2
     return Gaussian(x.mean * keep, x.cov * keep[:, None] * keep[None, :] + np.diag(rest))
 
 
 def _pose_and_velocity(x: np.ndarray) -> np.ndarray:
-    """(η, (1 + K) ν) (6,)."""
+    """Return (η, (1 + K) ν) (6,); K holds the scale errors."""
     return np.concatenate([x[:3], x[3:6] + scaled(x[SCALES:BIASES], x[3:6])])

@@ -1,13 +1,15 @@
-"""The complementary filter, the first of a course: what is quick from one source, what is slow from another.
+"""Complementary filter: take the fast part of the speed from the model, and the slow part from the wheels.
 
     v ← v + a δ,   v ← v + (1 − e^(−δ/T)) (v_wheels − v)                                                  (1)
     ψ ← ψ + (ω − b) δ,   at rest  b ← b + (1 − e^(−δ/T_b)) (ω − b)                                         (2)
     x ← x + v cos ψ δ,   y ← y + v sin ψ δ                                                                (3)
     Σ_η ← F Σ_η Fᵀ + 2 T δ J V Jᵀ,   F = ∂η⁺/∂η                                                           (4)
 
-a is the acceleration of the model: at once there, but its errors add up, so of it (1) lets pass what is quicker than T.
-The wheels are noisy, and right in the mean: of them passes what is slower. Without wheels v is the model's. The gyro ω
-shows its bias b while it hardly turns and no command was given for 1 s. The errors of ν, V, are taken as new every T.
+δ is the length of a tick, v the speed, a the acceleration of the model, η = (x, y, ψ) the pose with covariance Σ_η, J
+the rotation from body to map. a is available at once, but its errors add up: (1) uses only its changes faster than T.
+The wheels are noisy but correct on average: (1) uses only their changes slower than T. Without wheels, v is the
+model's. ω is the yaw rate of the gyro; its bias b is learned while |ω − b| < 0.1 rad/s and no command came for 1 s. V
+is the covariance of the errors of ν, which count as independent after each T.
 """
 
 from collections.abc import Sequence
@@ -36,15 +38,17 @@ class ComplementaryBelief(NamedTuple):
     eta: np.ndarray  # (3,)
     nu: np.ndarray  # (3,)
     cov: np.ndarray  # (3, 3) of η
-    bias: Value  # b [rad/s], beside the bias in the gyro's block
+    bias: Value  # b [rad/s], added to the bias in the gyro's block
     rest_s: Value  # since the last command
-    model: Value  # the vehicle as its model alone drives it
+    model: Value  # state of the vehicle, simulated by the model from the commands only
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Complementary:
-    """Wheels and model blended, gyro integrated: to be read in a minute. Usually you want `AugmentedEkf`.
+    """Complementary filter of wheels and model, with an integrated gyro: short code for a first course.
+
+    Usually you want `AugmentedEkf`.
 
     Parameters
     ----------
@@ -83,20 +87,20 @@ class Complementary:
         object.__setattr__(self, "readings", readings_of(self.sensors))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> ComplementaryBelief:
-        """At rest at the origin, unless another start is given."""
+        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
     def step(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """Advance by a tick; one that is not newer changes nothing."""
+        """Advance by one tick. A tick that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
-        """The silent rows that come before this tick.  pauses.py"""
+        """Return the rows without measurements that fill a pause before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """Advance by a row.  (1)-(4)"""
+        """Advance by one row.  (1)-(4)"""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))

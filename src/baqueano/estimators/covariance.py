@@ -1,9 +1,10 @@
-"""A covariance is symmetric with eigenvalues ≥ 0. This module checks and restores both.
+"""Check a covariance, and restore one: it must be symmetric, with eigenvalues ≥ 0.
 
-    nearest valid matrix, in the Frobenius norm:  V max(Λ, 0) Vᵀ  of the symmetric part     Higham 1988
-    (1)
+The nearest valid matrix in the Frobenius norm comes from the symmetric part V Λ Vᵀ (Higham 1988):
 
-The paper's printed Q and R fail this check (errata 5), and a filter that is fed with them diverges at once.
+    V max(Λ, 0) Vᵀ                                                                                        (1)
+
+The printed Q and R of the paper fail this check (errata 5), and a filter with them diverges at once.
 """
 
 from functools import cache
@@ -19,8 +20,7 @@ ROUNDING = 1e-14  # of a variance
 
 
 def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
-    """`matrix` as floats (size, size), or ValueError with the entry that is wrong and the nearest valid
-    matrix."""
+    """Return `matrix` as floats (size, size). Raise ValueError with the wrong entry and the nearest valid matrix."""
     P = np.array(matrix, dtype=float)
     if P.shape != (size, size):
         raise Invalid(fault("cov.shape", name=name, found=str(P.shape), size=size))
@@ -54,18 +54,18 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
 
 
 def nearest_covariance(matrix: np.ndarray) -> np.ndarray:
-    """The symmetric positive semidefinite matrix nearest to `matrix`, (n, n).  (1)"""
+    """Return the symmetric positive semidefinite matrix (n, n) that is nearest to `matrix`.  (1)"""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     return mirrored((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def mirrored(P: np.ndarray) -> np.ndarray:
-    """`P` (n, n) with its upper triangle copied onto the lower one: symmetric by construction."""
+    """Return `P` (n, n) with its upper triangle copied onto the lower one, so that it is exactly symmetric."""
     return P[_upper(len(P))]
 
 
 def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
-    """(m, m) from square blocks."""
+    """Return the block diagonal matrix (m, m) of square blocks."""
     sizes = [len(block) for block in blocks]
     rows = []
     for i, block in enumerate(blocks):
@@ -77,13 +77,11 @@ def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
 
 
 def root(P: np.ndarray) -> np.ndarray:
-    """Return the lower triangular L (n, n) with L Lᵀ = P, of a covariance: where nothing is uncertain L has zeros."""
+    """Return the lower triangular L (n, n) with L Lᵀ = P of a covariance. A direction without variance gets zeros."""
     n = len(P)
     L: list[list[Value]] = [[0.0] * n for _ in range(n)]
     for j in range(n):
-        free = P[j, j] - sum(
-            x * x for x in L[j][:j]
-        )  # of the variance, beside what the entries before explain
+        free = P[j, j] - sum(x * x for x in L[j][:j])  # the variance that the previous entries do not explain
         certain = free <= ROUNDING * P[j, j]
         divisor = np.sqrt(np.where(certain, 1.0, free))
         L[j][j] = np.where(certain, 0.0, divisor)
@@ -100,7 +98,7 @@ def _upper(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _worst_pair(P: np.ndarray) -> tuple[int, int]:
-    """The pair (i, j) of an indefinite matrix with the largest impossible correlation."""
+    """Return the pair (i, j) of an indefinite matrix with the largest impossible correlation; (i, i) if P_ii < 0."""
     d = np.diag(P)
     if np.min(d) < 0.0:
         i = int(np.argmin(d))

@@ -1,18 +1,17 @@
-"""Dead reckoning: the gyro turns, the wheels travel, and the model says what no sensor does.
+"""Dead reckoning: integrate the gyro and the wheels, and use the model for each velocity that no sensor measures.
 
-A tick lasts δ, with the effort e; f is the model's ν one tick on, J taken at the tick's mean heading, d the age of a
-reading:
+η is the pose, ν the velocity, e the effort, δ the length of a tick, ₋ the previous tick, J = J(ψ) at mean heading:
 
-    ν̄ = f(ν₋, (1 + s_v) e) + w                                                                            (1)
-    ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)      for each reading z that came                        (2)
+    ν̄ = f(ν₋, (1 + s_v) e) + w                    the model f, with process noise w of covariance R       (1)
+    ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)  for each reading z; n is its noise, of covariance Q     (2)
     η = η₋ + J ((ν₋ + ν) δ/2 + d (ν − ν₋) + (ν − ν̄) t/2)                                                  (3)
-
-A reading takes the place of the model's velocity (L H = I, velocity_readings.py); nothing is gated. ν is as old as its
-reading, η is not: (3) adds up to the trapezoid rule plus d times the last reading. t: how long no reading came before
-this tick; the model's error is taken to have grown evenly since. The gyro's bias b walks, its scale s and the speed's
-s_v are constant; all three are 0 and stay so, as uncertain as they are given (consider states, Schmidt 1966):
-
     Σ = F diag(Σ₋, R, Q) Fᵀ,   F = ∂(η, ν, b, s, s_v) / ∂(η₋, ν₋, b, s, s_v, w, n)                        (4)
+
+h(0), H and L are those of velocity_readings.py: L H = I, so a reading replaces the velocity of the model. No reading is
+gated. d is the age of the reading, and ν is as old as it; summed, (3) is the trapezoid rule plus d times the last ν. t
+is the time without a reading before this tick; the error of the model is assumed to have grown linearly in it. b is the
+bias of the gyro, a random walk; s and s_v are the constant scale errors of gyro and speed. All three stay 0 and keep
+their given uncertainty (consider states, Schmidt 1966).
 """
 
 from collections.abc import Sequence
@@ -51,9 +50,9 @@ class DeadReckoningBelief(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning:
-    """Gyro and wheels integrated, the model where a sensor is missing, and how wrong that is by now.
+    """Dead reckoning with gyro and wheels, and with the model if a sensor is missing. It estimates its own error.
 
-    It corrects no pose: usually you want `AugmentedEkf` where a camera or a mark shows one.
+    It does not correct the pose. Prefer `AugmentedEkf` if a camera or a floor mark measures the pose.
 
     Parameters
     ----------
@@ -62,7 +61,7 @@ class DeadReckoning:
     sensors : NamedTuple of Sensor
         The sensors, by name.
     use : tuple of str
-        Sensors that are read; empty: all that show a velocity.
+        Sensors that are read; if empty, all that measure a velocity.
     readings : tuple of Reading
         Computed from the sensors; not an argument.
     gyro_bias : tuple of UncertainNumber
@@ -108,7 +107,7 @@ class DeadReckoning:
         object.__setattr__(self, "gyro_bias", tuple(bias for bias in uncertainties if bias.walk))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> DeadReckoningBelief:
-        """At rest at the origin, unless another start is given."""
+        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         speed, turning = scale_std(self.sensors, {r.name: r.rows for r in self.readings})
         bias = [bias.of(self.sensors, bias.std) for bias in self.gyro_bias]
@@ -119,15 +118,15 @@ class DeadReckoning:
         )
 
     def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Travel on, then take the readings that came. A tick that is not newer changes nothing."""
+        """Predict one tick, then use the readings that arrived. A tick that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
-        """The silent rows that come before this tick.  pauses.py"""
+        """Return the rows without measurements that fill a pause before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Advance by a row; beyond the longest one the mean stays and its covariance grows."""
+        """Advance by one row. The mean is predicted for at most the longest row; then only its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
@@ -144,7 +143,7 @@ class DeadReckoning:
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
     def _times(self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
-        """d and t (3,) of ν after this row; ν_y, of a car, follows its turning."""
+        """Return d and t (3,) of ν after this row. A reading of ν_ψ also counts for ν_y, which follows it in a car."""
         ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
         for reading in self.readings:
             sensor, slot = getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name)
@@ -162,7 +161,10 @@ class DeadReckoning:
         ages_s: np.ndarray,
         since_s: np.ndarray,
     ) -> np.ndarray:
-        """(η, ν, b, s, s_v) (9,) one row on; `x` (9 + 3 + m,) is the same before, w, and n of each reading.  (1)-(3)"""
+        """Return (η, ν, b, s, s_v) (9,) after one row.  (1)-(3)
+
+        `x` (9 + 3 + m,) stacks the previous state, the process noise w and the noise n of each reading.
+        """
         eta, before, n = x[:3], x[3:6], x[12:]
         effort = Effort(*((1.0 + x[8]) * e for e in effort))
         nu = model_nu = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12]

@@ -1,16 +1,17 @@
-"""The paper's extended Kalman filter, with the pose carried in the same covariance. State μ = (η, ν, ν̇).
+"""The paper's extended Kalman filter, with the pose in the same covariance. State μ = (η, ν, ν̇), covariance Σ.
 
     μ̄ = g(u, μ),   Σ̄ = G Σ Gᵀ + R,              G = ∂g/∂μ                       `equ:EKF`   (1)
     S = H Σ̄ Hᵀ + Q,   K = Σ̄ Hᵀ S⁻¹,              H = ∂h/∂μ                                   (2)
     μ = μ̄ + K (z − h(μ̄)),   Σ = (I − K H) Σ̄ (I − K H)ᵀ + K Q Kᵀ                              (3)
-    ν̄ = ν + ν̇ δ,   ν̇̄ = Φ(ν) ν + M⁻¹ T e                                      mode "paper"    (4)
+    ν̄ = ν + ν̇ δ,   ν̇̄ = Φ(ν) ν + M⁻¹ T e            model of the paper, mode "paper"          (4)
     a_d = ν̇ − f(ν, e₋),   ν̄ = ν ⊕ f(·, e) δ + a_d δ,   ν̇̄ = f(ν̄, e) + exp(−δ/T_d) a_d         (5)
     ν̄ = V e,   ν̇̄ = (V e − ν) / δ                     kinematic model           (errata 7)    (6)
-    h = h(η − d R(ψ) ν,  ν − d ν̇,  ν̇)                of what was measured d seconds ago       (7)
-    Σ̄_ηη += h² diag(E|ν_xy|², E|ν_xy|², E ν_ψ²),     Σ̄ ← D Σ̄ D                               (8, 9)
+    h = h(η − d R(ψ) ν,  ν − d ν̇,  ν̇)                for a measurement of age d              (7)
+    Σ̄_ηη += τ² diag(E|ν_xy|², E|ν_xy|², E ν_ψ²),     Σ̄ ← D Σ̄ D                               (8, 9)
 
-Q is the measurement noise, R the process noise per tick at `rate_hz`; f the model's ν̇, ⊕ its integrator. Departures
-from Grotz et al., section Positioning system using EKF, with their reasons: docs/derivations/ekf_with_pose.md.
+η: pose; ν: velocity; u: command; e: effort; δ: tick; z: measurement of noise Q; R: process noise per tick at `rate_hz`;
+R(ψ): rotation; f: ν̇ of the model; ⊕: its integrator; a_d: unexplained acceleration; τ: time without prediction; D: the
+bound of pauses.py. Departures from Grotz et al., Positioning system using EKF: docs/derivations/ekf_with_pose.md.
 """
 
 from collections.abc import Sequence
@@ -51,7 +52,7 @@ MODES = ("default", "paper")
 
 
 class Belief(NamedTuple):
-    """State of the filter: mean, covariance, drivetrain.
+    """State of the filter between two ticks: mean, covariance, drivetrain.
 
     Attributes
     ----------
@@ -77,7 +78,9 @@ class Belief(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Ekf:
-    """Extended Kalman filter over any vehicle and any sensors, with the paper's state. Usually you want `AugmentedEkf`.
+    """Extended Kalman filter for any vehicle and any sensors, with the state of the paper.
+
+    Usually you want `AugmentedEkf`.
 
     Parameters
     ----------
@@ -150,7 +153,7 @@ class Ekf:
             raise Invalid(fault("ekf.initial-std", found=self.initial_std))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
-        """Return a belief at rest at the origin, unless `eta` is given."""
+        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         effort = np.zeros(self.vehicle.commands)
         nu_dot = self.vehicle.nu_dot(start[1], effort, start[0][2]) if self._dynamic else np.zeros(3)
@@ -158,17 +161,21 @@ class Ekf:
         return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Predicts, then corrects with what came, if anything came. A tick that is not newer changes
-        nothing; one after a pause is split into rows."""
+        """Predict, then correct with the measurements that arrived.
+
+        A tick that is not newer than the last one changes nothing. A tick after a pause is split into rows.
+        """
         return in_rows(self, belief, tick)
 
     def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
-        """The silent rows that come before this tick.  pauses.py"""
+        """Return the rows without measurements that fill a pause before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Advance by a row, finite and positive definite for any length. Beyond the longest row the mean stays and its
-        covariance grows."""
+        """Advance by one row of any length; the result is finite and positive definite.
+
+        The mean is predicted for at most the longest row; after that only its covariance grows.
+        """
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         mean, cov = self._predict(belief, effort, row)
@@ -187,7 +194,7 @@ class Ekf:
         return is_dynamic(self.vehicle)
 
     def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
+        """Return mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
         g = self._move_paper if self.mode == "paper" and self._dynamic else self._move
         before = Gaussian(belief.mean, belief.cov)
         ahead = predict(before, lambda x: g(x, belief.effort, effort, row.moved_s), np.zeros((9, 9)))
@@ -196,14 +203,14 @@ class Ekf:
         return ahead.mean, bounded(ahead.cov + block_diagonal([unsure, R]))  # (9)
 
     def _move_paper(self, mean: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
-        """g(u, μ) as printed, (9,).  (4)"""
+        """Return g(u, μ) (9,) as printed in the paper.  (4)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
         eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
         return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
 
     def _move(self, mean: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
-        """g(u, μ) of the default mode, (9,).  (5, 6)"""
+        """Return g(u, μ) (9,) of the default mode.  (5, 6)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         eta_next, nu_next, nu_dot_next = self.vehicle.advance(eta, nu, effort, dt_s)
         if not self._dynamic:
@@ -215,7 +222,7 @@ class Ekf:
         return _state(eta_next, nu_next, f + np.exp(-dt_s / self.disturbance_time_s) * a_d)
 
     def _correct(self, name: str, mean: np.ndarray, cov: np.ndarray, slot: Slot) -> tuple[Value, ...]:
-        """Mean, covariance, innovation (m,), its covariance (m, m), what it weighed (m,).  (2, 3)"""
+        """Return mean, covariance, innovation (m,), its covariance (m, m) and the weights (m,).  (2, 3)"""
         sensor = getattr(self.sensors, name)
         old_s = self._age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
@@ -230,14 +237,14 @@ class Ekf:
         return mean, np.where(take, update.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
-        """Return the age of the measurement [s]; None where all are new."""
+        """Return the age of the measurement [s]; None if it is always 0."""
         if self.mode == "paper":
             return None
         old_s = age_s(sensor, slot)
         return None if isinstance(old_s, float) and old_s == 0.0 else old_s
 
     def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:
-        """Return the predicted measurement, (m,).  (7)"""
+        """Return the predicted measurement (m,).  (7)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         if old_s is not None:
             turn = old_s * nu[2]
@@ -248,5 +255,5 @@ class Ekf:
 
 
 def _state(eta: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
-    """μ (9,), heading wrapped."""
+    """Return μ (9,) with its heading wrapped."""
     return np.concatenate([np.array([eta[0], eta[1], wrap(eta[2])]), nu, nu_dot])

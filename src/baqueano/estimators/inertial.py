@@ -1,14 +1,15 @@
-"""Dead reckoning on the IMU alone, with zero-velocity updates: for a vehicle of which no model is known.
+"""Dead reckoning with the IMU only, with zero-velocity updates: for a vehicle without a model.
 
-While the command has been zero for CALM_S the vehicle is taken to stand: that gives the biases b and the noise σ of
-the channels, and the speed is zero. From then on
+When the command has been zero for CALM_S, the vehicle is assumed to be at rest with speed 0. Readings at rest give the
+biases b and the noise σ of the channels. While it drives, with v the speed, ψ the heading, s the distance, δ the tick:
 
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
-    var v = σ_x² δ² k + σ_x² (k δ)² / n_rest        after k ticks, n_rest at rest; var ψ alike            (2)
+    var v = σ_x² δ² k + σ_x² (k δ)² / n_rest,   the same for ψ with σ_ω                                   (2)
 
-A speed that is left when the vehicle stands is noise that was summed up, and has taken s along:
+k counts the ticks since the last rest, n_rest the samples at rest; a_x and ω are the readings of the IMU. A speed that
+remains when the vehicle stops is integrated noise. Then the distance is corrected:
 
-    s ← s − ½ v k δ,   var s = σ_x² δ⁴ (k³/3 + k⁴/(4 n_rest) + Σ k³/12 of all ways that are over)         (3)
+    s ← s − ½ v k δ,   var s = σ_x² δ⁴ (k³/3 + k⁴/(4 n_rest) + Σ k³/12 over the earlier drives)           (3)
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.signals import Estimate, Tick, seconds
 
-CALM_S = 0.6  # without command, after which a small vehicle stands
+CALM_S = 0.6  # without a command; after this time a small vehicle is at rest
 
 
 class InertialBelief(NamedTuple):
@@ -28,7 +29,7 @@ class InertialBelief(NamedTuple):
     t_ns: int  # -1 before the first tick
     since_ns: int  # when the last command ended
     rest: float  # samples at rest
-    mean: np.ndarray  # (3,) of them
+    mean: np.ndarray  # (3,) mean of the samples at rest
     spread: np.ndarray  # (3,) sum of their squared deviations
     eta: np.ndarray  # (3,)
     v: float
@@ -39,7 +40,7 @@ class InertialBelief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
-    """Dead reckoning on the IMU alone, for a vehicle of which no model is known. ν is (v, 0, ω).
+    """Dead reckoning with the IMU only, for a vehicle without a model. ν is (v, 0, ω).
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ class Inertial:
         return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
-        """Return pose since the start and velocity, with the variances since the last standstill."""
+        """Return pose since the start and velocity, with the variances that grew since the last rest."""
         s = state
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns
@@ -97,7 +98,7 @@ class Inertial:
 
 
 def _cov(s: InertialBelief, dt_s: float) -> Value:
-    """(6, 6): the variances of (2) and (3), of x, y, ψ, v and ω; zero where nothing is known."""
+    """Return the covariance (6, 6): variances (2) and (3) of x, y, ψ, v and ω; zeros before three samples at rest."""
     cov = np.zeros((6, 6))
     if s.rest > 2.0:
         var = s.spread / (s.rest - 1.0)

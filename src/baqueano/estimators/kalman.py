@@ -1,17 +1,18 @@
-"""The Kalman filter: `predict` and `correct`, pure, for every filter of this room and for the likelihood of a fit.
+"""The Kalman filter: pure functions `predict` and `correct`, for all filters here and for the likelihood of a fit.
 
     x̄ = g(x),   P̄ = G P Gᵀ + R,   G = ∂g/∂x                                                              (1)
 
-`correct` takes a measurement one number at a time. With Q = L diag(q) Lᵀ, the numbers of L⁻¹ z are independent:
+x, P are mean and covariance of the state, R the process noise. `correct` uses a measurement z = h(x) + noise Q one
+number at a time. With Q = L diag(q) Lᵀ, the numbers of L⁻¹ z have independent noise; Δ is the change of the mean:
 
     y ← L⁻¹ (z − h(x̄)),   H ← L⁻¹ ∂h/∂x̄,   Δ = 0,   and for each row c                                    (2)
     s = H_c P H_cᵀ + q_c,   e = (y_c − H_c Δ)/√s,   K = E P H_cᵀ/s,   Δ ← Δ + K √s e                        (3)
     D = P − K H_c P,   P ← D + (q_c K − D H_cᵀ) Kᵀ                    Joseph's form, multiplied out        (4)
 
-(3) gives the same Δ and P as all rows at once, without a matrix to solve, and yᵀ S⁻¹ y = Σ e², log |S| = Σ log s.
-E is 1 for a state that is estimated, 0 for one that is only considered: its uncertainty counts, it never moves.
-A weight w ≤ 1 puts q_c + s (1/w − 1) in place of q_c: an outlier of weight 0 moves nothing.
-Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968; Schmidt 1966 for E. docs/derivations/kalman.md
+(3) gives the same Δ and P as all rows at once, without a matrix to invert; yᵀ S⁻¹ y = Σ e² and log |S| = Σ log s. E is
+1 for an estimated state, 0 for a considered one: its uncertainty counts, but its estimate does not change. A weight
+w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has no effect. Derivation: docs/derivations/kalman.md.
+Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968 for (4); Schmidt 1966 for E.
 """
 
 from collections.abc import Callable
@@ -28,7 +29,7 @@ HEADING = 2  # the entry of a state that is an angle: (x, y, ψ, …)
 
 
 class Gaussian(NamedTuple):
-    """A state that is known so far."""
+    """A normally distributed state: mean and covariance."""
 
     mean: np.ndarray  # (n,)
     cov: np.ndarray  # (n, n)
@@ -61,10 +62,11 @@ def correct(
     estimated: np.ndarray | None = None,
     weight: Callable[[int, Value, Value], object] | None = None,
 ) -> Correction:
-    """Return what the innovation y (m,) changes; nothing is added to a mean yet.  (2)-(4)
+    """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
-    H (m, n) is ∂h/∂x̄; Q the measurement noise, (m, m), or (m,) for independent numbers, each above 0; `estimated`
-    (n,), or (m, n) for each number its own, is E, all ones if not given; `weight` gives w of number c by its e and s.
+    H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent numbers; each is above 0.
+    `estimated` is E of all numbers (n,), or of each number (m, n); the default is all ones. `weight(c, e, s)` returns w
+    of number c.
     """
     y, H, q = independent(y, H, Q)
     E = None if estimated is None else np.broadcast_to(estimated, H.shape)
@@ -87,7 +89,7 @@ def correct(
 
 
 def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return y (m,), H (m, n) and q (m,) of a measurement whose numbers are made independent: Q = L diag(q) Lᵀ."""
+    """Return y (m,), H (m, n) and q (m,) of the measurement L⁻¹ z, whose noise is independent: Q = L diag(q) Lᵀ."""
     if Q.ndim == 1:
         return y, H, Q
     m = len(y)
@@ -107,11 +109,11 @@ def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray
 
 
 def boxplus(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
-    """Return mean + move (n,), its heading wrapped.  States that begin with a pose are a manifold only there."""
+    """Return mean + move (n,) with its heading wrapped: x ⊞ Δ of a state that begins with a pose."""
     x = mean + move
     return np.concatenate([x[:HEADING], np.array([wrap(x[HEADING])]), x[HEADING + 1 :]])
 
 
 def log_likelihood(correction: Correction) -> Value:
-    """Return the logarithm of the density of a measurement, up to a constant: −½ Σ (e² + log s)."""
+    """Return the log-likelihood of a measurement, up to a constant: −½ Σ (e² + log s)."""
     return -0.5 * np.sum(correction.e**2 + np.log(correction.s))

@@ -1,7 +1,7 @@
-"""An estimator that knows the true state: for tuning and for judging a controller alone.
+"""An estimator that returns the true state: for tuning, and for judging a controller without estimation errors.
 
-`KnownState` believes the sensor `truth` (sensors/truth.py), with a covariance of zero. As a pair they stand in a loop
-like any other sensor and estimator, so a loop with perfect pose is the same loop. No vehicle has them.
+`KnownState` returns the reading of the sensor `truth` (sensors/truth.py), with a covariance of zero. The pair stands in
+a loop like any other sensor and estimator, so a loop with perfect pose is the same loop. No real vehicle has them.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ class KnownStateBelief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownState:
-    """Take the measurement of the sensor named `sensor` for the state.
+    """Estimator that takes the measurement of the sensor named `sensor` as the state.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ class KnownState:
     sensor: str = "truth"
 
     def init(self, eta: np.ndarray | None = None) -> KnownStateBelief:
-        """Return the state at rest at `eta` (3,)."""
+        """Return the belief at rest at `eta` (3,)."""
         return KnownStateBelief(np.concatenate([np.zeros(3) if eta is None else eta, np.zeros(3)]))
 
     def step(self, belief: KnownStateBelief, tick: Tick) -> tuple[KnownStateBelief, Estimate]:
-        """Return the state that the sensor measured last, with a covariance of zero."""
+        """Return the last measured state, with a covariance of zero."""
         slot = getattr(tick.sensors, self.sensor)
         z = np.where(slot.has > 0.0, slot.z, belief.z)
         return KnownStateBelief(z), Estimate(tick.t_ns, z[:3], z[3:], np.zeros((6, 6)))
@@ -52,7 +52,7 @@ class KnownState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateOfWorld:
-    """Take the state from the simulated world itself, where no sensor of the vehicle shows it.
+    """Estimator that takes the state from the simulated world itself, if the vehicle does not have a sensor `Truth`.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class StateOfWorld:
     now: Callable[[], Motion]
 
     def init(self) -> tuple[()]:
-        """Return nothing: it remembers nothing."""
+        """Return an empty belief; this estimator does not need a memory."""
         return ()
 
     def step(self, belief: tuple[()], tick: Tick) -> tuple[tuple[()], Estimate]:

@@ -1,11 +1,11 @@
-"""A pause between two ticks, cut into rows: no integrator of fixed step survives a stiff model over half a second.
+"""Cut a pause between two ticks into rows: an integrator of fixed step diverges on a stiff model over half a second.
 
     dt ≤ longest          one row, the tick itself                                                        (1)
     dt ≤ HELD_S           equal rows of about a period: silent ones, then the tick with its measurements  (2)
-    dt > HELD_S           silent rows over HELD_S − longest, then the tick: the prediction is held there  (3)
+    dt > HELD_S           silent rows over HELD_S − longest, then the tick: the prediction stops there    (3)
 
-longest = ROW_S, or a period and a quarter where ticks are rarer: a clock that jitters splits no tick, and a delay line
-holds one command per period, so that a pause makes no delay shorter.
+dt is the time since the previous tick. longest is ROW_S, or 1.25 periods of the ticks if that is longer. So jitter of
+the clock does not split a tick. A delay line holds one command per period, so a pause does not shorten a delay.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,20 +22,22 @@ from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.rk4 import ROW_S
 
 ROW_NS = round(ROW_S * NANOSECONDS)
-HELD_S = 1.0  # after so much prediction without a tick nobody knows where the vehicle is
+HELD_S = 1.0  # longest prediction without a tick; after it the position is too uncertain to predict
 JITTER = 1.25  # periods
-FARTHEST = 1e6  # m², rad²: who knows less of a pose knows nothing, and a double could not hold the variances beside it
-WHOLE = (int, np.integer)  # a time that is known
-TRUTH = (bool, np.bool_)  # likewise
+FARTHEST = (
+    1e6  # m², rad²: beyond it a pose is unknown, and a double would lose the smaller variances of the matrix
+)
+WHOLE = (int, np.integer)  # types of a time that is known: not in a trace
+TRUTH = (bool, np.bool_)  # types of a condition that is known: not in a trace
 
 
 def longest_s(rate_hz: float) -> float:
-    """The longest row of a filter whose ticks come at `rate_hz` [s].  (1)"""
+    """Return the longest row [s] of a filter with ticks at `rate_hz`.  (1)"""
     return min(max(ROW_S, JITTER / rate_hz), HELD_S)
 
 
 def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
-    """The times [ns] of the silent rows between two ticks; none where the pause is short.  (1)-(3)"""
+    """Return the times [ns] of the silent rows between two ticks; empty after a short pause.  (1)-(3)"""
     longest_ns, held_ns = round(longest_s(rate_hz) * NANOSECONDS), round(HELD_S * NANOSECONDS)
     pause_ns = t_ns - since_ns
     if since_ns < 0 or pause_ns <= longest_ns:
@@ -47,20 +49,23 @@ def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
 
 
 def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
-    """The rows before a tick, whose command holds in them.  (1)-(3)"""
+    """Return the silent rows before a tick; each has the command of the tick.  (1)-(3)"""
     quiet = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
     return [Tick(t_ns, tick.u, quiet) for t_ns in silent_times(int(since_ns), int(tick.t_ns), rate_hz)]
 
 
 def bounded(cov: np.ndarray) -> np.ndarray:
-    """A covariance (n, n) whose variances of x, y, ψ stay near FARTHEST: rounding never spoils those beside them."""
+    """Return a covariance (n, n) whose variances of x, y, ψ stay near FARTHEST.
+
+    A larger variance would spoil the other entries by rounding.
+    """
     far = np.diag(cov)[:3] > FARTHEST
     D = np.concatenate([np.where(far, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
     return np.where(np.sum(np.where(far, 1.0, 0.0)) > 0.0, cov * np.outer(D, D), cov)
 
 
 def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
-    """The rows of ticks whose leaves lead with N, and the row of each tick (N,): what a scan runs over.  (1)-(3)"""
+    """Return the rows of ticks, whose leaves have N rows, and the index of each tick's row (N,).  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
     gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise(t_ns)]
     counts = np.array([1] * min(len(t_ns), 1) + [len(gap) + 1 for gap in gaps], dtype=np.int64)
@@ -86,16 +91,16 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
 
 
 class FilterRow(NamedTuple):
-    """The start of a row: its length and its command."""
+    """A row of the filter: its length and its command."""
 
-    new: Value  # whether it is newer than the last one; one that is not changes nothing
-    dt_s: Value  # how long it lasts; the first one a nominal period
+    new: Value  # True if it is newer than the last row; an older one changes nothing
+    dt_s: Value  # its length; a nominal period for the first row
     moved_s: Value  # how much of it is predicted: at most the longest row
-    u: np.ndarray  # (n,) the command; 0 where it is not finite
+    u: np.ndarray  # (n,) the command; 0 for an entry that is not finite
 
 
 def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
-    """Return how the row that ends with this tick begins."""
+    """Return length and command of the row that ends with this tick."""
     new = tick.t_ns > since_ns
     dt_s = np.where(new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
@@ -103,23 +108,30 @@ def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
 
 
 def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
-    """Return the state of the motors after a row, and the effort in it. A vehicle that moves before its first tick has
-    had a command before: that of the first tick is the best guess of it."""
+    """Return the state of the motors after a row, and the effort in it.
+
+    A vehicle that moves before its first tick has had a command already. The command of the first tick is its best
+    guess.
+    """
     begins = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
     state = either(begins, lambda: motors.settled(row.u), lambda: belief.drivetrain)
     return motors.step(state, row.u, row.moved_s)
 
 
 def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return the covariance (3, 3) that the pose gains in the part of a row beyond the longest one. A state (η, ν, …)
-    is not predicted there."""
+    """Return the covariance (3, 3) that the pose gains in the part of a row beyond the longest one.
+
+    The state (η, ν, …) is not predicted in that part.
+    """
     way = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
     return np.diag(np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), FARTHEST))
 
 
 def in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
-    """Return what `block.row` makes of a tick, after the silent rows of `block.pause` before it; in a trace, where no
-    time is known, it is one row."""
+    """Return the result of `block.row` for a tick, after the silent rows of `block.pause` before it.
+
+    In a trace the times are not known, and the tick is one row.
+    """
     if isinstance(tick.t_ns, WHOLE) and isinstance(belief.t_ns, WHOLE):
         for silent in block.pause(belief, tick):
             belief, _ = block.row(belief, silent)
@@ -127,7 +139,7 @@ def in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
 
 
 def rows_before(since_ns: Value, tick: Tick, rate_hz: float) -> Sequence[Tick]:
-    """Return the silent rows before a tick, an empty sequence where ticks follow one another."""
+    """Return the silent rows before a tick; an empty sequence if the tick follows without a pause."""
     return () if tick.t_ns - since_ns <= ROW_NS else silent_rows(since_ns, tick, rate_hz)
 
 
@@ -140,7 +152,7 @@ def chosen(condition: Value, a: Tree, b: Tree) -> Tree:
 
 
 def either(condition: Value, yes: Callable[[], Tree], no: Callable[[], Tree]) -> Tree:
-    """Return yes() where the condition holds, else no(): `chosen` of both in a trace, where only a tick can tell."""
+    """Return yes() if the condition holds, else no(). In a trace compute both and return `chosen`."""
     if isinstance(condition, TRUTH):
         return yes() if condition else no()
     return chosen(condition, yes(), no())

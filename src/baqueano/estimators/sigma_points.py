@@ -1,15 +1,15 @@
 """The unscented transform: mean and covariance of a function of an uncertain state, from points around its mean.
 
-With P = L Lᵀ and a unit normal ξ the state is x̄ ⊞ L ξ. The 2n points ξ = ±√n e_i, each of weight 1/(2n), have the
-moments of ξ up to the third. Of f, whose value at x̄ is 0:
+With P = L Lᵀ and a unit normal ξ (n,), the state is x̄ ⊞ L ξ. The 2n points ξ = ±√n e_i, each with the weight 1/(2n),
+have the same moments as ξ up to the third order. L_i is column i of L, and f is a function with f(x̄) = 0:
 
     p_i, q_i = f(x̄ ⊞ ±√n L_i),   m = Σ (p_i + q_i)/(2n)                                                   (1)
     odd  o_i = (p_i − q_i)/(2 √n),   even  ē_i = ((p_i + q_i)/2 − m)/√n                                    (2)
-    mean  m,   covariance  o oᵀ + ē ēᵀ,   with x  L oᵀ                                                    (3)
+    mean  m,   covariance  o oᵀ + ē ēᵀ,   covariance with x  L oᵀ                                         (3)
 
-A linear function has o = G L alone. All weights are positive (κ = 0 of Julier and Uhlmann 1997; the cubature points of
-Arasaratnam and Haykin 2009), so (3) is a covariance for any f. f gives differences from its value at x̄, headings
-wrapped: so the mean of headings on both sides of ±π lies between them.
+For a linear function with Jacobian G, o = G L and ē = 0. All weights are positive, so (3) is a covariance for any f
+(κ = 0 of Julier and Uhlmann 1997; the cubature points of Arasaratnam and Haykin 2009). f returns differences from its
+value at x̄ with wrapped headings. So the mean of headings on both sides of ±π is correct.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from baqueano.estimators.kalman import Gaussian, boxplus
 
 
 class Spread(NamedTuple):
-    """The function at the points."""
+    """The moments of a function at the sigma points."""
 
     mean: np.ndarray  # m (m,)
     odd: np.ndarray  # o (m, n)
@@ -31,7 +31,7 @@ class Spread(NamedTuple):
 
 
 def spread(f: Callable[[np.ndarray], np.ndarray], x: Gaussian) -> Spread:
-    """Return what f makes of the points around the mean of x.  (1, 2)"""
+    """Return mean, odd part and even part of `f` at the sigma points of x.  (1, 2)"""
     L, n = root(x.cov), len(x.mean)
     steps = [np.sqrt(float(n)) * L[:, i] for i in range(n)]
     p, q = (np.stack([f(boxplus(x.mean, sign * step)) for step in steps], axis=1) for sign in (1.0, -1.0))

@@ -1,16 +1,16 @@
-"""The Rauch-Tung-Striebel smoother: what a Kalman filter would have believed, had it known what came later.
+"""The Rauch-Tung-Striebel smoother: estimate each row of a run from all its measurements, also from the later ones.
 
-The filter runs once and keeps of each row its state x, P, the prediction x̄⁺, P̄⁺ of the next one and G = ∂x̄⁺/∂x. Then
-backwards, from the last row, which stays as it is:
+The filter runs once. Of each row it stores its state x, P, the prediction x̄⁺, P̄⁺ of the next row, and G = ∂x̄⁺/∂x. A
+backward pass then gives the smoothed x_s, P_s. It starts at the last row, which it does not change:
 
     C = P Gᵀ (P̄⁺)⁻¹,   x_s = x ⊞ C (x_s⁺ ⊟ x̄⁺)                                                            (1)
     P_s = (I − C G) P (I − C G)ᵀ + C (P_s⁺ + R) Cᵀ,   R = P̄⁺ − G P Gᵀ                                      (2)
 
-(2) is P + C (P_s⁺ − P̄⁺) Cᵀ in a form that stays a covariance, as Joseph's does. ⊞ and ⊟ wrap the heading. What is
-certain in P̄⁺ is left out of its inverse. Source: Rauch, Tung, Striebel 1965.
+(2) equals P + C (P_s⁺ − P̄⁺) Cᵀ, but stays a covariance despite rounding, as Joseph's form does. ⊞ and ⊟ wrap the
+heading. The inverse leaves out the directions in which P̄⁺ has almost no variance. Source: Rauch, Tung, Striebel 1965.
 
-The prediction is what the filter makes of a tick in which every sensor is silent: so one smoother serves every filter
-whose belief has `mean` (n,), beginning with η, ν, and `cov` (n, n), and whose estimate tells its innovations.
+The prediction is a step of the filter with a tick in which every sensor is silent. So one smoother serves every filter
+whose belief has `mean` (n,), starting with η, ν, and `cov` (n, n), and whose estimate contains its innovations.
 """
 
 from typing import NamedTuple
@@ -30,7 +30,7 @@ CERTAIN = 1e-13  # of the largest eigenvalue of the correlations
 
 
 class ForwardPass(NamedTuple):
-    """A forward pass of the filter; all lead with N."""
+    """Result of the forward pass of the filter; the first axis of each array has length N."""
 
     mean: np.ndarray  # (N, n) after the row
     cov: np.ndarray  # (N, n, n)
@@ -40,8 +40,10 @@ class ForwardPass(NamedTuple):
 
 
 def can_be_smoothed(estimator: Estimator, belief: Tree, tick: Tick) -> bool:
-    """Return whether it is a Kalman filter: its belief has a mean and a covariance, it tells its innovations, and it
-    does not say that its gains are others than Kalman's."""
+    """Return True for a Kalman filter: its belief has `mean` and `cov`, and its estimate contains the innovation.
+
+    An estimator with `has_kalman_gains` = False is not smoothed, because its gains differ from Kalman's.
+    """
     if not optional.of(estimator, "has_kalman_gains"):
         return False
     if not {"mean", "cov"} <= set(getattr(belief, "_fields", ())) or len(belief.mean) < 6:
@@ -52,13 +54,15 @@ def can_be_smoothed(estimator: Estimator, belief: Tree, tick: Tick) -> bool:
 def smooth(
     estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (N, n) and covariance (N, n, n) of each row, given all rows; the leaves of `ticks` lead with N.
-    TraceError for an estimator that cannot be compiled."""
+    """Return mean (N, n) and covariance (N, n, n) of each row, given all rows; the leaves of `ticks` have N rows.
+
+    Raise TraceError for an estimator that cannot be compiled.
+    """
     return backward(forward(estimator, belief, ticks, backend))
 
 
 def forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
-    """Return what the filter keeps of each row."""
+    """Run the filter and return the state and the prediction of each row."""
     row = optional.of(estimator, "row") or estimator.step
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, ForwardPass]:
@@ -78,7 +82,7 @@ def forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "aut
 
 
 def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (N, n) and covariance (N, n, n) of each row, smoothed.  (1, 2)"""
+    """Return the smoothed mean (N, n) and covariance (N, n, n) of each row.  (1, 2)"""
     mean, cov, G = passed.mean.copy(), passed.cov.copy(), passed.G[1:]
     P, P_bar = passed.cov[:-1], passed.ahead_cov[1:]
     GP = G @ P
@@ -94,7 +98,7 @@ def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _inverse(P: np.ndarray) -> np.ndarray:
-    """The inverses of covariances (N, n, n), without their certain directions."""
+    """Return the inverses of covariances (N, n, n), without the directions that have almost no variance."""
     sd = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
     scale = np.where(sd > 0.0, 1.0 / np.where(sd > 0.0, sd, 1.0), 0.0)
     values, vectors = np.linalg.eigh(P * scale[:, :, None] * scale[:, None, :])

@@ -1,14 +1,17 @@
-"""The unscented Kalman filter: it asks g and h at points around the mean, and needs no derivative.
+"""The unscented Kalman filter: it evaluates g and h at points around the mean, and does not need derivatives.
 
-State x = (η, ν, ν̇), g and h those of `ekf` in its default mode:
+The state is x = (η, ν, ν̇): pose, velocity and acceleration. g and h are those of ekf.py in its default mode. e is the
+effort, e₋ the previous one, δ the tick, f the acceleration of the model, T_d the fading time of a_d:
+
     a_d = ν̇ − f(ν, e₋),   (η, ν)⁺ = advance(η, ν, e) + (½ J a_d δ², a_d δ),   ν̇⁺ = f(ν⁺, e) + e^(−δ/T_d) a_d   (1)
 
-The points, and what a function makes of them, are in sigma_points.py: a mean m, the part o that is linear, and the part
-ē that bends. With x = x̄ ⊞ L ξ, L Lᵀ = P, a correction is that of kalman.py for the unit normal ξ, and ē is noise:
+sigma_points.py returns the mean m of a function, its linear part o and its even part ē. With x = x̄ ⊞ L ξ, L Lᵀ = P,
+the correction is that of kalman.py for the unit normal ξ, and ē counts as noise. R is the process noise, Q that of z:
 
     P̄ = o oᵀ + ē ēᵀ + R                                                                                   (2)
-    y = z ⊟ (h(x̄) ⊞ m),   H = o,   Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                               (3)
-This is the textbook's correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form.
+    y = z ⊟ (h(x̄) ⊞ m),   H = o,   noise Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                         (3)
+
+(3) is the standard correction with P_xz = L oᵀ (Julier and Uhlmann 1997), in Joseph's form.
 """
 
 from collections.abc import Sequence
@@ -43,14 +46,14 @@ class UnscentedBelief(NamedTuple):
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (9,) η, ν, ν̇
     cov: np.ndarray  # (9, 9)
-    effort: np.ndarray  # (n,) what the body felt at the end of the last interval
+    effort: np.ndarray  # (n,) effort on the body at the end of the last interval
     drivetrain: DrivetrainState
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Unscented:
-    """Kalman filter without derivatives, for a model that bends within its uncertainty.
+    """Kalman filter without derivatives, for a model that is nonlinear within its uncertainty.
 
     Usually you want `AugmentedEkf`.
 
@@ -104,22 +107,22 @@ class Unscented:
         object.__setattr__(self, "process_noise_cov", R)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> UnscentedBelief:
-        """At rest at the origin, unless another start is given."""
+        """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
         effort = np.zeros(self.vehicle.commands)
         mean = np.concatenate([eta, nu, self.vehicle.nu_dot(nu, effort, eta[2])])
         return UnscentedBelief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Predict, then correct with what came. A tick that is not newer changes nothing."""
+        """Predict, then correct with the measurements that arrived. A tick that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
-        """The silent rows that come before this tick.  pauses.py"""
+        """Return the rows without measurements that fill a pause before this tick.  pauses.py"""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Advance by a row; beyond the longest one the mean stays and its covariance grows."""
+        """Advance by one row. The mean is predicted for at most the longest row; then only its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x, y, s, w = self._predict(belief, effort, row), [], [], []
@@ -133,7 +136,7 @@ class Unscented:
         )
 
     def _predict(self, belief: UnscentedBelief, effort: Effort, row: FilterRow) -> Gaussian:
-        """The state one row later.  (1, 2)"""
+        """Return the state one row later.  (1, 2)"""
 
         def g(x: np.ndarray) -> np.ndarray:
             eta, nu, f = x[:3], x[3:6], self.vehicle.nu_dot
@@ -156,7 +159,7 @@ class Unscented:
     def _correct(
         self, name: str, x: Gaussian, slot: Slot
     ) -> tuple[Gaussian, np.ndarray, np.ndarray, np.ndarray]:
-        """The state, the innovation (m,), its covariance (m, m) and what it weighed (m,).  (3)"""
+        """Return the state, the innovation (m,), its covariance (m, m) and the weight of each number (m,).  (3)"""
         sensor = getattr(self.sensors, name)
         old_s = age_s(sensor, slot)
 
@@ -181,6 +184,6 @@ class Unscented:
 
 
 def _difference(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """x ⊟ y (n,)."""
+    """Return x ⊟ y (n,): the difference with its heading wrapped."""
     d = x - y
     return np.concatenate([d[:2], np.array([wrap(d[2])]), d[3:]])

@@ -1,10 +1,12 @@
-"""Estimate → reference. Put yours beside `repeat.py`, or name it in the vehicle file as "file.py:Class".
+"""Guides turn an estimate into a reference.
 
-init() -> state;   step(state, estimate) -> (state, Reference)
+    init() -> state;   step(state, estimate) -> (state, Reference)
 
-How yours gets its route: the fields of its class that are named `t_s`, `eta`, `nu`, `closed`, or `route` for all four,
-are filled with the route that is driven; `laps` with the laps. A guide without them makes its own references. It needs
-no way onto the route, no pause and no way back: `InTurn` and `AtPace` go around any guide.
+To add a guide, put its file beside `repeat.py`, or name it in the vehicle file as "file.py:Class".
+
+The driven route fills the fields `t_s`, `eta`, `nu`, `closed` of its class, or the field `route` for all four; the
+number of laps fills `laps`. A guide without these fields computes its own references. A guide does not need a way onto
+the route, a pause or a way back: `InTurn` and `AtPace` add them to any guide.
 """
 
 from baqueano.contracts.blocks import Guide

@@ -1,12 +1,13 @@
-"""Drives from where the vehicle stands to the nearest of some poses, on the shortest way of a smallest radius.
+"""Drive from the vehicle's pose to the nearest of several goals, on the shortest way of a smallest radius.
 
     way     of the goals η_j, the one with the shortest way (dubins.py) from the first estimate            (1)
     v²  ≤   speed²,   (v_0 + a t)²,   v_j² + 2 a (length − σ)                                              (2)
     σ̇ = v,   η_r = way(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length                                  (3)
 
-v_0 is the speed of the first estimate, v_j that of the route at the goal; the sign is that of v_j: a route that is
-driven backward is reached backward. A vehicle that stands within NEAR_M and NEAR_RAD of the first goal is there. A
-goal stands in place of "the nearest point ahead": beside a route that is some way along it, as R allows.
+σ is the distance along the way, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 is the speed of the
+first estimate, v_j that of the route at the goal. The sign is that of v_j: a route that is driven backward is reached
+backward. The guide is done at once if the vehicle is within NEAR_M and NEAR_RAD of the first goal. Beside a route, the
+best goal lies some distance along it, depending on R: so (1) compares several goals.
 """
 
 from dataclasses import dataclass
@@ -23,9 +24,9 @@ from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
 NEAR_M, NEAR_RAD = 0.01, np.radians(2.0)
-SLOWEST_M_S = 0.02  # so that it arrives
+SLOWEST_M_S = 0.02  # least speed of σ, so that the reference arrives
 GOALS = 9
-REACH_M = 1.0  # of a route, from its start, where it may be joined
+REACH_M = 1.0  # length of the route, from its start, on which the vehicle may join it
 
 
 class DriveToState(NamedTuple):
@@ -42,7 +43,7 @@ class DriveToState(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveTo:
-    """Drive to the nearest of some poses, and stand there.
+    """Guide that drives to the nearest of several poses, and stops there.
 
     Notes
     -----
@@ -85,12 +86,12 @@ class DriveTo:
         return cls(route.eta[at], route.t_s[at], route.nu[at, 0], **limits)
 
     def init(self) -> DriveToState:
-        """Not begun."""
+        """Return the state before the first tick."""
         nowhere = DubinsWay(0.0, np.zeros(3), np.zeros(2))
         return DriveToState(-1, np.zeros(3), nowhere, np.zeros(3), 0.0, 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the pose and the velocity on the way.  (3)"""
+        """Return the state, and the pose and velocity on the way.  (3)"""
         began = state.t_ns >= 0
         start = np.where(began, state.start, estimate.eta)
         plan, goal = self._nearest(estimate.eta)
@@ -118,7 +119,7 @@ class DriveTo:
         return now, Reference(estimate.t_ns, eta, nu, is_over)
 
     def _nearest(self, eta: Value) -> tuple[DubinsWay, Value]:
-        """Return the way to the nearest goal, and what is there.  (1)"""
+        """Return the way to the nearest goal, and time, speed and direction of the route there.  (1)"""
         ahead = np.where(self.v_m_s < 0.0, -1.0, 1.0)
         back = 0.5 * np.pi * (1.0 - ahead)
         x, y, psi = self.goals.T

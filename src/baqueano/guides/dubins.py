@@ -1,13 +1,14 @@
 """The shortest way between two poses on arcs of one radius R and a straight line between them.
 
-    p = (x, y)/R of the goal seen from the start, turned so that it lies at (D, 0); α, β are the headings there
+    (x, y)/R of the goal relative to the start, turned so that it lies at (D, 0); α, β are the headings there
     LSL  p² = 2 + D² − 2 cos(α − β) + 2 D (sin α − sin β),   χ = atan2(cos β − cos α, D + sin α − sin β)
     LSR  p² = D² − 2 + 2 cos(α − β) + 2 D (sin α + sin β),   χ = atan2(−cos α − cos β, D + sin α + sin β) + atan2(2, p)
     t = (χ − α) mod 2π,   q = (β − χ) mod 2π of LSL, (χ − β) mod 2π of LSR                                 (1)
     RSR and RSL are LSL and LSR of the mirrored problem (−α, −β); length = R (t + p + q)                  (2)
 
-Source: Dubins, American Journal of Mathematics, 1957; Shkel and Lumelsky, Robotics and Autonomous Systems, 2001.
-Departure: the words of three arcs are left out. They are shorter for some goals nearer than 4 R; LSL and RSR always
+A word as LSL means left arc, straight, left arc. t and q are the angles of the arcs, p R is the length of the line, χ
+its heading. Source: Dubins, American Journal of Mathematics, 1957; Shkel and Lumelsky, Robotics and Autonomous Systems,
+2001. Departure: words of three arcs are left out. They are shorter for some goals nearer than 4 R; LSL and RSR always
 exist.
 """
 
@@ -18,8 +19,8 @@ import numpy as np
 from baqueano.contracts.values import Value
 
 TURN = 2.0 * np.pi
-ROUND_OFF = 1e-9  # an angle that is less below zero is 0, not a full turn
-FAR_M = 1e9  # of a word that does not exist
+ROUND_OFF = 1e-9  # an angle below zero by less than this is 0, not a full turn
+FAR_M = 1e9  # length of a word that does not exist
 WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last arc; 1 turns left
 
 
@@ -32,8 +33,10 @@ class DubinsWay(NamedTuple):
 
 
 def shortest(start: Value, goal: Value, radius_m: float) -> DubinsWay:
-    """Return the shortest way from a pose (3,) to another; of several goals at once, x, y and ψ of all (3, k), the way
-    to each.  (1), (2)"""
+    """Return the shortest way from the pose `start` (3,) to the pose `goal` (3,).  (1), (2)
+
+    `goal` may also be (3, k), the x, y and ψ of k goals; the result then contains the way to each.
+    """
     dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
     D, towards = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
     best = None
@@ -48,13 +51,13 @@ def shortest(start: Value, goal: Value, radius_m: float) -> DubinsWay:
 
 
 def shorter(one: DubinsWay, other: DubinsWay) -> DubinsWay:
-    """Return the shorter of two ways; the other, of two as long."""
+    """Return the shorter of two ways, `other` if both are equally long."""
     less = one.length_m < other.length_m
     return DubinsWay(*(np.where(less, a, b) for a, b in zip(one, other, strict=True)))
 
 
 def pose_at(start: Value, way: DubinsWay, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
-    """Return the pose (3,) after sigma_m of a way from `start`, the heading continuous, and the curvature there."""
+    """Return the pose (3,) after `sigma_m` of a way from `start`, with continuous heading, and the curvature there."""
     x, y, psi = start[0], start[1], start[2]
     left_m, kappa = sigma_m, 0.0 * sigma_m
     for k, turn in enumerate((way.turns[0], 0.0, way.turns[1])):
@@ -71,7 +74,7 @@ def pose_at(start: Value, way: DubinsWay, sigma_m: Value, radius_m: float) -> tu
 
 
 def _word(D: Value, alpha: Value, beta: Value, same: bool) -> tuple[Value, Value, Value, Value]:
-    """Return t, p, q of a word that begins to the left, and whether it exists.  (1)"""
+    """Return t, p, q of a word that begins to the left, and True if it exists.  (1)"""
     sa, sb, ca, cb = np.sin(alpha), np.sin(beta), np.cos(alpha), np.cos(beta)
     if same:
         square = 2.0 + D * D - 2.0 * np.cos(alpha - beta) + 2.0 * D * (sa - sb)
@@ -85,5 +88,5 @@ def _word(D: Value, alpha: Value, beta: Value, same: bool) -> tuple[Value, Value
 
 
 def _turn(angle: Value) -> Value:
-    """Return an angle from 0 to 2π."""
+    """Return an angle in the range 0 to 2π."""
     return angle + ROUND_OFF - TURN * np.floor((angle + ROUND_OFF) / TURN)

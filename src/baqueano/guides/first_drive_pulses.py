@@ -1,4 +1,4 @@
-"""The guide of a first drive: it stays where the vehicle is until the pulses are over."""
+"""The guide of a first drive: it stays at the pose of the vehicle until the pulses are over."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,12 +11,12 @@ from baqueano.signals import Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulGuide:
-    """Report when the pulses of a first drive are over; the reference is where the vehicle is.
+    """Guide that reports the end of the pulses of a first drive; the reference is the pose of the vehicle.
 
     Parameters
     ----------
     pulses : object
-        With init() → state, and advance(state, estimate) → (state, u (n,), over).
+        An object with init() → state, and advance(state, estimate) → (state, u (n,), over).
 
     Examples
     --------
@@ -33,10 +33,10 @@ class CarefulGuide:
     pulses: Tree
 
     def init(self) -> Tree:
-        """Standing."""
+        """Return the state of a vehicle at rest."""
         return self.pulses.init()
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Here, at rest."""
+        """Return the state, and the pose of the vehicle, at rest."""
         state, _, over = self.pulses.advance(state, estimate)
         return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(over))

@@ -11,14 +11,14 @@ TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
 
 
 class IdleState(NamedTuple):
-    """The time of its first tick."""
+    """The time of the first tick."""
 
     t_ns: int  # -1 before the first tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Idle:
-    """Ask for no motion: the reference is where the vehicle is. Done after `duration_s`.
+    """Guide that requests no motion: the reference is the pose of the vehicle. It is done after `duration_s`.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Idle:
         return IdleState(-1)
 
     def step(self, state: IdleState, estimate: Estimate) -> tuple[IdleState, Reference]:
-        """Return the pose of the vehicle, at rest."""
+        """Return the state, and the pose of the vehicle, at rest."""
         start = estimate.t_ns if state.t_ns < 0 else state.t_ns
         is_over = estimate.t_ns - start + TOLERANCE_NS >= self.duration_s * NANOSECONDS
         return IdleState(start), Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(is_over))

@@ -1,9 +1,9 @@
-"""Two guides in turn: a lead-in and its route, a route and the way back to its start.
+"""Two guides in turn: a lead-in and its route, or a route and the way back to its start.
 
     first  until it is done,  then second                                                                 (1)
-    second begins at the time τ of its route at which `first` arrived, where `first` drives to a route      (2)
+    if `first` drives to a route: second begins at the time τ of its route at which `first` arrived        (2)
 
-(2): a guide without `joined` begins τ ago.
+A guide without `joined` gets a first tick τ earlier instead.
 """
 
 from dataclasses import dataclass
@@ -20,23 +20,23 @@ from baqueano.signals import NANOSECONDS, Estimate, Reference
 
 
 class InTurnState(NamedTuple):
-    """The states of both, and which of them leads."""
+    """The states of both guides, and which of them leads."""
 
     first: Tree
     second: Tree
-    over: float  # 1.0 once the first was done
+    over: float  # 1.0 after the first guide is done
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InTurn:
-    """Follow one guide until it is done, and then another.
+    """Guide that follows one guide until it is done, and then another.
 
     Parameters
     ----------
     first, second : Guide
         The guides.
     joins : bool
-        True where `first` is a DriveTo onto the route of `second`.
+        True if `first` is a DriveTo onto the route of `second`.
 
     Notes
     -----
@@ -62,20 +62,20 @@ class InTurn:
 
     @classmethod
     def led_in(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
-        """Return the guide with a way onto its route from where the vehicle stands; `limits` are those of DriveTo."""
+        """Return the guide with a way from the vehicle's pose onto its route; `limits` are those of DriveTo."""
         return cls(DriveTo.join(route, **limits), guide, True)
 
     @classmethod
     def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
-        """Return the guide with a way back to where its route begins."""
+        """Return the guide with a way back to the start of its route; `limits` are those of DriveTo."""
         return cls(guide, DriveTo(route.eta[:1], **limits))
 
     def init(self) -> InTurnState:
-        """The first at its beginning."""
+        """Return the state at the start of the first guide."""
         return InTurnState(self.first.init(), self.second.init(), 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the reference of the one that leads.  (1)"""
+        """Return the state, and the reference of the guide that leads.  (1)"""
         first, led = self.first.step(state.first, estimate)
         over: Value = np.where((state.over > 0.0) | (led.done > 0.0), 1.0, 0.0)
         entry = _either(state.over > 0.0, state.second, self._entry(first, estimate))
@@ -85,7 +85,7 @@ class InTurn:
         return InTurnState(first_state, _either(over > 0.0, second, state.second), over), reference
 
     def _entry(self, first: Tree, estimate: Estimate) -> Tree:
-        """Return the state at which the second begins.  (2)"""
+        """Return the state at which the second guide begins.  (2)"""
         if not self.joins:
             return self.second.init()
         tau_s = first.goal[0]
@@ -97,7 +97,7 @@ class InTurn:
 
 
 def _either(condition: Value, a: Tree, b: Tree) -> Tree:
-    """Return the one tree or the other, which have one shape, number by number."""
+    """Return one of two trees of the same shape, number by number."""
     if isinstance(a, tuple):
         parts = [_either(condition, x, y) for x, y in zip(a, b, strict=True)]
         return tuple(parts) if type(a) is tuple else type(a)(*parts)

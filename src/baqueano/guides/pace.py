@@ -1,10 +1,11 @@
-"""Any guide at another pace: slower, paused, and on again.
+"""Change the pace of any guide: slow it down, pause it, and continue.
 
     |p_k − p_{k−1}| ≤ Δt / ramp_s,   p → pace                                                             (1)
     t′ = ∫ p dt,   η_r, ν_r = guide(t′),   ν_r ← p ν_r                                                    (2)
 
-The guide lives in the time t′, which stands at p = 0: no part of its route is left out by a pause, and from 1 to 0 the
-vehicle brakes in ramp_s. At p = 1 its references are those of the guide itself, bit for bit.
+p is the present pace, Δt the length of a tick, t′ the time that the guide gets, η_r and ν_r its reference. At p = 0 the
+time t′ stops, so a pause does not skip any part of the route. From pace 1 to 0 the vehicle brakes within ramp_s. With
+p = 1 the references equal those of the guide exactly.
 """
 
 from dataclasses import dataclass
@@ -30,12 +31,12 @@ class PaceState(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class AtPace:
-    """Follow a guide at a pace from 0, at rest, to 1.
+    """Guide that follows another guide at a pace from 0, at rest, to 1.
 
     Parameters
     ----------
     guide : Guide
-        The guide.
+        The guide to follow.
 
     Notes
     -----
@@ -53,7 +54,7 @@ class AtPace:
     [0.1 0.  0.2]
     """
 
-    as_written: ClassVar[bool] = True  # its pace is changed between two ticks; the guide inside is compiled
+    as_written: ClassVar[bool] = True  # `pace` may change between two ticks; the guide inside is compiled
     goes_around: ClassVar[tuple[str, ...]] = ("guide",)
 
     guide: Tree
@@ -68,7 +69,7 @@ class AtPace:
         return PaceState(-1, 0, 1.0, self.guide.init())
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the reference of the guide at its own time.  (2)"""
+        """Return the state, and the reference of the guide at its time t′.  (2)"""
         if state.t_ns < 0:
             state = state._replace(t_ns=estimate.t_ns, own_ns=estimate.t_ns)
         step = seconds(estimate.t_ns, state.t_ns) / self.ramp_s

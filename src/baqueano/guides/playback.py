@@ -1,4 +1,4 @@
-"""The references of a recorded run, once more."""
+"""Repeat the references of a recorded run."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,7 +10,7 @@ from baqueano.signals import Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Playback:
-    """Give the references of a run again, bit for bit.
+    """Guide that gives the references of a run again, exactly.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class Playback:
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
     done : ndarray (N,)
-        1.0 where the guide was at its end.
+        1.0 at the rows after the end of the guide.
 
     Examples
     --------
@@ -39,7 +39,7 @@ class Playback:
     done: np.ndarray
 
     def init(self) -> None:
-        """Return no state."""
+        """Return None: this guide does not have a state."""
 
     def step(self, state: None, estimate: Estimate) -> tuple[None, Reference]:
         """Return the reference of this time."""

@@ -1,10 +1,11 @@
-"""Repeats a route, as the paper's Teach and Repeat does: the reference is where the teacher was at this time.
+"""Repeat a route, as the paper's Teach and Repeat does: the reference is the teacher's pose at this time.
 
     t = time since the first tick,   lap = ⌊t / T⌋,   η_r = route(t − lap T),   done when lap ≥ laps
     (1)
 
-Grotz et al., section Guidance System. The reference does not wait for the vehicle. A route that is not
-closed is driven once. After the last lap the reference stays at the end of the route, at rest.
+T is the duration of the route, η_r the reference. Source: Grotz et al., section Guidance System. The reference does not
+wait for the vehicle. An open route is driven once. After the last lap the reference stays at the end of the route, at
+rest.
 """
 
 from copy import copy
@@ -29,20 +30,20 @@ BEFORE = -1
 class RepeatState(NamedTuple):
     """The start time of the route."""
 
-    start_ns: int  # BEFORE the first tick; one that joined its route may have a start below 0
+    start_ns: int  # BEFORE until the first tick; may be below 0 after the vehicle joined the route
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Repeat:
-    """A route in time, repeated for `laps` laps.
+    """Guide that follows a route over time, for `laps` laps.
 
     Parameters
     ----------
     laps : int
-        Number of laps of a closed route; 0 is for ever.
+        Number of laps of a closed route; 0 repeats without end.
     closed : bool
-        True where the last pose is the first one again.
+        True if the last pose equals the first one.
 
     References
     ----------
@@ -81,11 +82,11 @@ class Repeat:
 
     @classmethod
     def along(cls, route: Route, laps: int = 1) -> "Repeat":
-        """Repeats `route`."""
+        """Return the guide that repeats `route`."""
         return cls(route.t_s, route.eta, route.nu, laps, route.closed)
 
     def init(self) -> RepeatState:
-        """Not begun."""
+        """Return the state before the first tick."""
         return RepeatState(BEFORE)
 
     def joined(self, t_ns: Value, tau_s: Value) -> Tree:
@@ -93,7 +94,7 @@ class Repeat:
         return RepeatState(t_ns - np.rint(tau_s * NANOSECONDS))
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
-        """Return the pose and velocity of the teacher at this time.  (1)"""
+        """Return the state, and the teacher's pose and velocity at this time.  (1)"""
         start_ns: Value = np.where(state.start_ns == BEFORE, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
@@ -107,10 +108,10 @@ class Repeat:
 
 
 def with_laps(guide: Guide, laps: int) -> Guide:
-    """Return the guide with this number of laps, a new object of the same class, if it has the attribute `laps`.
+    """Return the guide with this number of laps, as a new object of the same class.
 
-    A dataclass is checked again; of a plain class, which reads self.laps in its step, the copy has another `laps`.
-    UsageError where that cannot be set.
+    A guide without an attribute `laps` is returned unchanged. A dataclass is checked again. A plain class must read
+    self.laps in its step. Raise UsageError if `laps` cannot be set.
     """
     before = optional.of(guide, "laps")
     if before is None or before == laps:

@@ -1,16 +1,16 @@
-"""Repeats a route as far as the vehicle has come along it: the reference waits, comes back, or catches up.
+"""Repeat a route by the progress of the vehicle along it: the reference waits, moves back, or catches up.
 
     s*(η) = s_k of the route's point nearest to the vehicle,  |s_k − s(τ)| ≤ reach_m                      (1)
-    d = s(τ) − s*(η)                                          how far the vehicle is behind               (2)
+    d = s(τ) − s*(η)                                          distance of the vehicle behind              (2)
     τ̇ = 1                                                     while |d| ≤ slack
-      = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stands, comes back
+      = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stop, move back
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
     η_r = route(τ),   ν_r = max(τ̇, 0) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps                       (4)
 
-τ is the time of the teacher, s the way along the route. As τ moves on steadily and (1) looks only near it, no crossing
-of an eight is ever a short cut. slack = slack_m + slack_s |v| is what a vehicle may be late by its delay and lag. A
-vehicle that is held stands with the reference wait_m + slack in front of it. A heading counts in (1) as HEADING_M for
-each radian. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
+τ: time of the teacher; s: distance along the route; T: its duration; η: pose; η_r, ν_r: reference. τ changes steadily
+and (1) searches only near it, so the crossing of an eight is not a short cut. slack = slack_m + slack_s |v| allows for
+delay and lag. If the vehicle is held, the reference stops wait_m + slack ahead of it. In (1) a radian of heading counts
+as HEADING_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class ProgressState(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class RepeatByProgress(Repeat):
-    """A route that waits for its vehicle, for `laps` laps; 0 laps is for ever.
+    """Guide along a route that waits for its vehicle, for `laps` laps; 0 laps repeat without end.
 
     Notes
     -----
@@ -69,7 +69,7 @@ class RepeatByProgress(Repeat):
         return ProgressState(t_ns, tau_s)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the reference as far as the vehicle has come.  (4)"""
+        """Return the state, and the reference at the vehicle's progress.  (4)"""
         period, laps = self.t_s[-1], self.laps if self.closed else 1
         end = laps * period if laps > 0 else FAR
         phase = state.tau_s - period * np.floor(state.tau_s / period)
@@ -85,14 +85,14 @@ class RepeatByProgress(Repeat):
         return ProgressState(estimate.t_ns, tau_s), reference
 
     def _pace(self, phase: Value, estimate: Estimate) -> Value:
-        """Return τ̇, at the time `phase` [s] of a lap.  (1)-(3)"""
+        """Return τ̇ at the time `phase` [s] of a lap.  (1)-(3)"""
         s, (behind_s, front) = self._way(), self._window()
         eta, at, exists = self.eta, s, 1.0
         if behind_s + front + 2 < len(s):
             number = np.arange(len(s), dtype=float)
             k = np.floor(np.interp(phase, self.t_s, number)) + np.arange(-behind_s, front + 2)
             if self.closed:
-                k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point is the first one again
+                k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point equals the first one
             exists = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
             eta = np.stack([np.interp(k, number, column) for column in self.eta.T], axis=1)
             at = np.interp(k, number, s)
@@ -110,13 +110,15 @@ class RepeatByProgress(Repeat):
         return np.clip(late + early, -1.0, self.fastest)
 
     def _way(self) -> np.ndarray:
-        """Return s (m,) of each of the route's points [m]."""
+        """Return the distance s (m,) [m] of each point of the route."""
         steps = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def _window(self) -> tuple[int, int]:
-        """Return how many points may be within reach of a point of the route, behind it and in front of it: the others
-        need not be looked at, and do not stand in what is compiled."""
+        """Return the largest number of points within reach of a point of the route, behind it and in front of it.
+
+        The compiled step searches only these points.
+        """
         s, reach = self._way(), self.reach_m + 1e-9
         round_about = np.concatenate([s - s[-1], s[1:], s[1:] + s[-1]]) if self.closed else s
         first = np.searchsorted(round_about, round_about - reach, side="left")

@@ -1,6 +1,8 @@
-"""A route: where the vehicle should be at each time, as it was taught or drawn.
+"""A route: the pose that the vehicle should have at each time, taught or drawn.
 
-s(θ) = ∫ |p′| dθ,  t = s / v,  ψ = atan2(p′_y, p′_x),  ν_ψ = κ v,  κ = (p′_x p″_y − p′_y p″_x) / |p′|³   (1)
+    s(θ) = ∫ |p′| dθ,  t = s / v,  ψ = atan2(p′_y, p′_x),  ν_ψ = κ v,  κ = (p′_x p″_y − p′_y p″_x) / |p′|³   (1)
+
+p(θ) is a curve, s its length, v the speed, t the time, ψ the heading, ν_ψ the yaw rate, κ the curvature.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,11 +16,11 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 ON_THE_SPOT_RAD = 0.5
-SHORTEST = 1e-3  # part of its time that a sample keeps
+SHORTEST = 1e-3  # least part of its time step that a sample keeps
 
 
 class Route(NamedTuple):
-    """Pose and velocity over time; the first pose is where the vehicle starts.
+    """Pose and velocity over time; the first pose is the start of the vehicle.
 
     Attributes
     ----------
@@ -29,7 +31,7 @@ class Route(NamedTuple):
     nu : ndarray (m, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
     closed : bool
-        True where the last pose is the first one again.
+        True if the last pose equals the first one.
 
     Examples
     --------
@@ -43,7 +45,7 @@ class Route(NamedTuple):
     closed: bool
 
     def __repr__(self) -> str:
-        with np.errstate(over="ignore"):  # of a file that nobody drove
+        with np.errstate(over="ignore"):  # a file that was not driven may contain any numbers
             length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
         kind = "closed" if self.closed else "open"
         return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {kind})"
@@ -55,7 +57,7 @@ class Route(NamedTuple):
         return [dict(zip(names, map(float, row), strict=True)) for row in numbers]
 
     def table(self) -> str:
-        """Return its size, in words."""
+        """Return a text with number of poses, duration, length, and "closed" or "open"."""
         return repr(self)
 
     _repr_html_ = Result._repr_html_
@@ -72,7 +74,10 @@ def route_of_curve(
     *,
     closed: bool = True,
 ) -> Route:
-    """A curve p(θ) (m, 2) with its derivatives p′, p″, driven at a steady speed from the origin along x.  (1)"""
+    """Return the route of a curve p(θ) (m, 2) with derivatives p′, p″ at a steady speed, in its own frame.  (1)
+
+    It starts at the origin, along x.
+    """
     stretch = np.hypot(p1[:, 0], p1[:, 1])
     s = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(theta))])
     psi = np.unwrap(np.arctan2(p1[:, 1], p1[:, 0]))
@@ -83,20 +88,23 @@ def route_of_curve(
 
 
 def from_start(eta: np.ndarray) -> np.ndarray:
-    """Poses (m, 3) seen from the first of them: the route then starts at the origin, along x."""
+    """Return poses (m, 3) relative to the first one: the route then starts at the origin, along x."""
     back = map_from_body(eta[0, 2])[:2, :2]
     return np.column_stack([(eta[:, :2] - eta[0, :2]) @ back, eta[:, 2] - eta[0, 2]])
 
 
 def moved(route: Route, start: np.ndarray) -> Route:
-    """The same route, laid into the map with its own origin at the pose `start` (3,)."""
+    """Return the same route in the map, with its origin at the pose `start` (3,)."""
     xy = start[:2] + route.eta[:, :2] @ map_from_body(start[2])[:2, :2].T
     return route._replace(eta=np.column_stack([xy, route.eta[:, 2] + start[2]]))
 
 
 def closed_up(route: Route) -> Route:
-    """The route with its end brought back onto its start: the driver returned to the mark, so what is
-    left between the two poses is drift, and is spread evenly over the time."""
+    """Return the route with its end moved onto its start.
+
+    The driver returned to the mark, so the difference between the two poses is drift. It is spread evenly over the
+    time.
+    """
     turns = 2.0 * np.pi * np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi))
     gap = route.eta[-1] - route.eta[0] - np.array([0.0, 0.0, turns])
     share = (route.t_s - route.t_s[0]) / (route.t_s[-1] - route.t_s[0])
@@ -104,15 +112,15 @@ def closed_up(route: Route) -> Route:
 
 
 def run_through(route: Route) -> Route:
-    """Return a closed route that does not begin from rest, so that a lap follows another without a stop.
+    """Return a closed route that does not start from rest, so that laps follow one another without a stop.
 
-    v is the speed of the route's end, or its median if that is less. Until the teacher had reached v, times shrink by
-    the part of v that was driven. There velocities go evenly from those of the end to those that were reached. A start
-    that turns on the spot, and a route that ends at rest, stay as they are.
+    v is the speed at the end of the route, or its median if that is less. Before the teacher reached v, the time steps
+    are multiplied by speed / v. The velocities there change linearly from those of the end to those that were reached.
+    A start with a turn on the spot, and a route that ends at rest, stay unchanged.
     """
     speed = np.abs(route.nu[:, 0])
     v = min(speed[-1], float(np.median(speed)))
-    slow = int(np.argmax(speed >= v))  # samples before it was as fast
+    slow = int(np.argmax(speed >= v))  # number of samples before the vehicle reached v
     if slow == 0 or np.ptp(route.eta[: slow + 1, 2]) > ON_THE_SPOT_RAD:
         return route
     dt_s, nu = np.diff(route.t_s), route.nu.copy()
@@ -122,6 +130,6 @@ def run_through(route: Route) -> Route:
 
 
 def end_gap(route: Route) -> tuple[float, float]:
-    """Return the distance [m] and the turn [rad] between the end and the start."""
+    """Return the distance [m] and the angle [rad] between the end and the start."""
     d = route.eta[-1] - route.eta[0]
     return float(np.hypot(d[0], d[1])), float(abs(wrap(d[2])))

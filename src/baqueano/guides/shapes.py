@@ -1,12 +1,13 @@
 """Routes that are drawn, not taught. All start at the origin along x and turn left first.
 
     sinuous circle  p(θ) = (R + A sin kθ) (sin θ, −cos θ)   the path of the paper's evaluation            (1)
-    eight           p(θ) = a (sin θ, sin θ cos θ)           Gerono's lemniscate, no net turn              (2)
+    eight           p(θ) = a (sin θ, sin θ cos θ)           Gerono's lemniscate, without a net turn       (2)
     slalom          p(x) = (x, A/2 (1 − cos 2πn x/L))       open                                          (3)
-    clothoid        κ(s) = κ_m (1 − |2s/L − 1|)             open; the curvature grows and falls evenly    (4)
+    clothoid        κ(s) = κ_m (1 − |2s/L − 1|)             open; the curvature rises and falls linearly  (4)
 
-(1) and (2) are moved so that they begin at the origin along x, and close. The speed is steady along the path; the first
-tick already asks for it.
+p is the position on the path. R, A, k: radius, amplitude and number of waves; a: half the length; n, L: number of
+crests and length; κ, s: curvature and distance along the path. (1) and (2) are moved so that they start at the origin
+along x, and they are closed. The speed is steady along the path, from the first tick on.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from baqueano.vehicles.bounds import check_bounds
 
 __all__ = ["SinuousCircle", "circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom"]
 
-POINTS = 1441  # of a drawn route, four to the degree of a circle
+POINTS = 1441  # of a drawn route, four per degree of a circle
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`
 
 
@@ -90,12 +91,12 @@ def circle(radius_m: float, speed_m_s: float) -> Route:
 
 
 def eight(half_length_m: float, speed_m_s: float) -> Route:
-    """Return an eight without a net turn.
+    """Return a figure eight without a net turn.
 
     Parameters
     ----------
     half_length_m : float
-        From the crossing to each end.
+        Distance from the crossing to each end.
     speed_m_s : float
         Speed along the path.
 
@@ -140,7 +141,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     Raises
     ------
     Invalid
-        Where the corners do not fit into the sides; a ValueError.
+        If the corners do not fit into the sides; Invalid is a ValueError.
 
     Examples
     --------
@@ -206,14 +207,14 @@ def line(length_m: float, speed_m_s: float) -> Route:
 
 
 def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Route:
-    """Return a wavy line that ends along x, as it began.
+    """Return a wavy line that starts and ends along x.
 
     Parameters
     ----------
     length_m : float
         Distance between its ends.
     width_m : float
-        From the x axis to the crests.
+        Distance from the x axis to the crests.
     waves : int
         Number of crests.
     speed_m_s : float
@@ -242,7 +243,7 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
 
 
 def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
-    """Return a curve that begins and ends straight, and whose curvature grows and falls evenly.
+    """Return a curve that starts and ends straight; its curvature rises and falls linearly.
 
     Parameters
     ----------
@@ -273,14 +274,14 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
 
 
 def _points(length_m: float) -> int:
-    """Return the number of poses of a line, one each centimetre."""
+    """Return the number of poses of a line, one per centimetre."""
     if not length_m > 0.0:
         raise Invalid(fault("shape.length", found=length_m))
     return max(3, round(100.0 * length_m) + 1)
 
 
 def _of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
-    """Return the path with the curvatures (m,) [1/m] at even places of its length, by the midpoint rule."""
+    """Return the path with the curvatures (m,) [1/m] at even distances along it, by the midpoint rule."""
     s = np.linspace(0.0, length_m, len(kappa))
     psi = np.append(0.0, np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s)))
     middle = 0.5 * (psi[1:] + psi[:-1])
@@ -291,7 +292,7 @@ def _of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return one of SHAPES: `size_m` is the radius of a circle, half the length of any other."""
+    """Return the route of a name in SHAPES: `size_m` is the radius of a circle, half the length of another shape."""
     match name:
         case "sinuous-circle":
             return sinuous_circle(size_m, 0.1 * size_m, 6, speed_m_s)
@@ -320,7 +321,7 @@ class SinuousCircle:
     waves : int
         Number of waves in a lap.
     laps : int
-        Number of laps; 0 is for ever.
+        Number of laps; 0 repeats without end.
 
     Notes
     -----
@@ -350,11 +351,11 @@ class SinuousCircle:
         return _repeat(self.radius_m, self.amplitude_m, self.waves, self.speed_m_s, self.laps)
 
     def init(self) -> RepeatState:
-        """Not begun."""
+        """Return the state before the first tick."""
         return self._repeat().init()
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
-        """Return the wanted pose and velocity at this time.  (1)"""
+        """Return the state, and the reference pose and velocity at this time.  (1)"""
         return self._repeat().step(state, estimate)
 
 

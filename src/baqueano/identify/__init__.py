@@ -1,4 +1,4 @@
-"""Runs → vehicle file: signals that show what a vehicle is, the fit with its error bars and verdict, noise.
+"""Identify a vehicle: runs → vehicle file. Excitation signals, the fit with its error bars and verdict, noise.
 
 u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed=0)
 fit = identify(run, file)

@@ -1,4 +1,4 @@
-"""First stages of a fit: runs without what is not a measurement, the sensors that are used, and what is free."""
+"""Run the first stages of a fit: clean the runs, choose the sensors, and choose the free parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,28 +21,31 @@ from baqueano.runs.run import Channel, Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-NO_MOTION = (CHANNEL, "imu_temperature")  # of the vehicle's state: added_channels.py, `runs noise`
+NO_MOTION = (
+    CHANNEL,
+    "imu_temperature",
+)  # channels that do not measure motion: added_channels.py, `runs noise`
 BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
-    """Runs, cleaned, and the part of the vehicle that explains them.
+    """Cleaned runs, and the part of the vehicle that explains them.
 
     Parameters
     ----------
     file : VehicleFile
-        With the zero of a gyro as the runs show it at rest, where only that shows it.
+        The vehicle file, with the gyro zero measured at rest if only that shows it.
     blocks : FittedBlocks
         The model, and the sensors that are used.
     runs : tuple of Run
-        Without what is not a measurement.
+        The runs without invalid samples.
     channels : dict of str to list of int
-        Of sensors that are not used whole.
+        Sensor → channels, of sensors that are not used whole.
     findings : tuple of Diagnostic
-        What is wrong with the data.
+        Faults of the data.
     note : Diagnostic, optional
-        On the zero of the gyro.
+        Message on the zero of the gyro.
 
     Examples
     --------
@@ -60,7 +63,7 @@ class Dataset:
 
     @property
     def is_usable(self) -> bool:
-        """Return False where the data alone refuse a fit."""
+        """Return False if the data refuse a fit."""
         return not any(finding.severity == Severity.ERROR for finding in self.findings)
 
 
@@ -70,7 +73,7 @@ def dataset(
     use: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Dataset:
-    """Return runs as a fit of a vehicle file reads them.
+    """Return the runs as a fit of this vehicle file reads them.
 
     Parameters
     ----------
@@ -79,19 +82,19 @@ def dataset(
     file : VehicleFile
         The vehicle that drove them.
     use : sequence of str, optional
-        Sensors, or channels as "imu[2]"; else all that every run has.
+        Sensors, or channels as "imu[2]"; default: all sensors that every run has.
     options : FitOptions
-        Those of the fit.
+        Options of the fit.
 
     Returns
     -------
     Dataset
-        Its `findings` say what is wrong with the data.
+        The cleaned runs; `findings` lists the faults of the data.
 
     Raises
     ------
     UsageError
-        Where runs, file and sensors do not belong together.
+        If runs, file and sensors do not belong together.
 
     Examples
     --------
@@ -114,7 +117,7 @@ def parameters_of(
     free: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Parameters:
-    """Return what a fit searches for.
+    """Return the parameters that a fit searches for.
 
     Parameters
     ----------
@@ -123,7 +126,7 @@ def parameters_of(
     free : sequence of str, optional
         As in `identify`.
     options : FitOptions
-        Those of the fit.
+        Options of the fit.
 
     Returns
     -------
@@ -133,7 +136,7 @@ def parameters_of(
     Raises
     ------
     UsageError
-        For what is not a parameter, or would do nothing, and where no command moved.
+        For a path that is not a parameter or has no effect, and if no command moved.
 
     Examples
     --------
@@ -147,7 +150,7 @@ def parameters_of(
 
 
 def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
-    """UsageError where a run is of another kind of vehicle."""
+    """Raise UsageError if a run has another number of commands than the vehicle."""
     n = file.vehicle.commands
     for run in runs:
         if run.applied.shape[1] != n:
@@ -166,8 +169,8 @@ def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
 def sensors_of(
     file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
 ) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
-    """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
-    of those of which not all are."""
+    """Return the blocks with the sensors in use (the truth if requested), the runs, and the channels of sensors in
+    partial use."""
     if not runs:
         raise UsageError(fault("runs.none"))
     names_of_file = file.sensors._fields
@@ -191,19 +194,21 @@ def sensors_of(
 
 
 def _nothing_in_common(names: Sequence[str], runs: list[Run]) -> UsageError:
-    """Return the error for runs in which no sensor of the file, all of them `names`, is read in every run."""
+    """Return the error for runs in which none of the file's sensors, `names`, is read in every run."""
     read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
     name = max(names, key=lambda name: sum(name in has for has in read), default="")
     without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
     if len(without) < len(runs):
-        empty = all(name in run.sensors for run in runs)  # what was recorded and never read can be believed
+        empty = all(
+            name in run.sensors for run in runs
+        )  # the channel is recorded, but has no reading in some run
         code = "use.read-in-some" if empty else "use.not-in-all"
         return UsageError(fault(code, runs=without, sensor=name))
     return UsageError(fault("use.nothing-common", read=sorted(set().union(*read)), known=names))
 
 
 def _channels(use: Sequence[str]) -> dict[str, list[int]]:
-    """Sensor → channels, of "imu[2]" and the like; sensors that are named whole are not among them."""
+    """Return sensor → channels, from "imu[2]" and the like, without sensors that are also named whole."""
     only: dict[str, list[int]] = {}
     for channel in use:
         name, bracket, entry = channel.partition("[")
@@ -215,7 +220,7 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
 
 
 def unused(runs: Sequence[Run], file: "VehicleFile") -> list[Diagnostic]:
-    """Name each sensor of the runs that the vehicle file does not describe, and what to write into the file."""
+    """Return a note for each sensor of the runs that the vehicle file does not describe, with the table to add."""
     read: dict[str, Channel] = {}
     for run in runs:
         read |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}

@@ -1,14 +1,14 @@
-"""`identify`: runs and a vehicle file → the parameters that explain what was measured.
+"""Estimate the parameters of a vehicle file from runs: `identify`.
 
     C(p) = Σ_t ‖s(t) − h_p(t)‖_Huber          Grotz et al., `equ:cost_function`                           (1)
 
-over all channels of all sensors, each in units of its own noise σ, k = 1.345 σ; minimised by damped
-Gauss-Newton with exact sensitivities over the free parameters and, run by run, the sensors' biases and the velocity
-at the start. What the data do not show is held where it was, and the rest is fitted again.
+over all channels of all sensors, each in units of its own noise σ, k = 1.345 σ. The minimisation is damped Gauss-Newton
+with exact derivatives over the free parameters and, run by run, the sensors' biases and the velocity at the start.
+Parameters that the data do not show are held at their start, and the rest is fitted again.
 
     Dataset → Parameters → Residuals, the residuals → solve → Fit
 
-Each stage is an immutable object, and each of its makers can be replaced: docs/identification.md, "Own stages".
+Each stage is an immutable object, and its maker can be replaced: docs/identification.md, "Own stages".
 """
 
 from collections.abc import Callable, Sequence
@@ -39,7 +39,7 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-PART, ENOUGH = 4, 1000  # of the rows of a run, and at least, for a first search without a compiler
+PART, ENOUGH = 4, 1000  # 1/PART of the rows of a run, at least ENOUGH, for a first search without a compiler
 
 
 def identify(
@@ -53,26 +53,26 @@ def identify(
     solver: Minimiser = minimise,
     say: Callable[[str], object] | None = None,
 ) -> Fit:
-    """Return the parameters of a vehicle file that explain runs.
+    """Return the fit: the parameters of a vehicle file that explain the runs.
 
     Parameters
     ----------
     runs : Run or sequence of Run
-        What was measured.
+        The measurements.
     vehicle_file : VehicleFile
         The vehicle; its values are the start of the search.
     free : sequence of str, optional
-        Dotted paths of the file, "model.friction.linear", "model.actuator_matrix[0,2]"; else what the model needs.
-        "+PATH" is added to that.
+        Dotted paths of the file, "model.friction.linear", "model.actuator_matrix[0,2]"; default: those that
+        the model needs. "+PATH" adds a path to the default.
     use : sequence of str, optional
-        Sensors, or single channels, "imu[2]"; else all that every run has. "truth" takes the velocity of a
-        simulation, or the pose that a camera saw, for a measurement.
+        Sensors, or single channels, "imu[2]"; default: all that every run has. "truth" uses the velocity of a
+        simulation, or the pose that a camera measured, as a measurement.
     options : FitOptions
         Bounds, noise, cost and the like.
     residuals : type of Residuals
-        A stage of one's own.
+        Replaces the stage of the residuals.
     solver : Minimiser
-        A stage of one's own.
+        Replaces the solver.
     say : callable, optional
         Receives the progress as text; True from it ends the search.
 
@@ -84,7 +84,7 @@ def identify(
     Raises
     ------
     UsageError
-        For what does not exist, cannot go together, or would do nothing, and where no command moved.
+        For names that do not exist, options that exclude each other or have no effect, and if no command moved.
 
     References
     ----------
@@ -127,7 +127,7 @@ def solve(
     say: Callable[[str], object] | None = None,
     again: bool = True,
 ) -> tuple[Task, Search]:
-    """Return the search for the least cost, and its end.
+    """Return the task of the search for the least cost, and its end.
 
     Parameters
     ----------
@@ -136,13 +136,13 @@ def solve(
     parameters : Parameters
         θ: its start and bounds.
     options : FitOptions
-        Those of the fit.
+        Options of the fit.
     solver : Minimiser
-        `minimise`, or one's own.
+        `minimise`, or a custom solver.
     say : callable, optional
         Receives the progress as text; True from it ends the search.
     again : bool
-        Begin the search again from other places where it leaves doubts.
+        If the search is not sound, begin it again from other starts.
 
     Returns
     -------
@@ -175,7 +175,7 @@ def conclude(
     result: Search,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Fit:
-    """Return the fit of a search: parameters that the data do not show stay at their start, and the rest is judged.
+    """Return the fit of a search. Parameters that the data do not show stay at their start; the others get errors.
 
     Parameters
     ----------
@@ -186,14 +186,14 @@ def conclude(
     task : Task
         The search that `solve` returned.
     result : Search
-        Its end.
+        End of the search.
     options : FitOptions
-        Those of the fit.
+        Options of the fit.
 
     Returns
     -------
     Fit
-        As of `identify`.
+        The same as from `identify`.
 
     Examples
     --------
@@ -219,8 +219,8 @@ def conclude(
 
 
 def _begin(task: Task, parameters: Parameters) -> np.ndarray:
-    """Return θ (p,) where the search begins. Without a compiler every row counts: where a rough search over the first
-    part of each run ends."""
+    """Return θ (p,) at the start of the search. Without a compiler rows are slow, so it is the end of a rough
+    search over the first part of each run."""
     if task.problem.scan.backend == "c":
         return task.first
     records = task.problem.records

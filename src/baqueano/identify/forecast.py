@@ -1,15 +1,14 @@
-"""Forecast of a drive: how far open loop is off by the errors of a fit alone.
+"""Forecast the error of an open-loop drive that follows from the errors of a fit.
 
     ∂η_k/∂θ along the drive, of the model's own equations                                                 (1)
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
-    η: the pose after AHEAD_S, seen from where these began: every second of the runs of the fit           (3)
+    η: the pose after AHEAD_S, seen from its start: every second of the runs of the fit                   (3)
 
-P is the covariance of the fit. (1) is the linear answer: from LOST_RAD of heading on the vehicle may be anywhere, and
-that is said instead of a distance. Not counted: what the runs did not show, the floor, the battery, and a start that
-was not met: the forecast is the least that a drive will be off.
-
-The lap is driven by the model with the recommended controller and a known pose; its commands are then given to the
-model again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
+P is the covariance of the fit. (1) is linear: from LOST_RAD of heading on the vehicle may be anywhere, and the message
+states that instead of a distance. The forecast is a lower limit of the error. It does not contain what the runs did not
+show, the floor, the battery, and an error of the start.
+The model drives the lap with the recommended controller and a known pose; its commands are then given to the model
+again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
 """
 
 from collections.abc import Sequence
@@ -28,7 +27,7 @@ from baqueano.identify.parameters.free import substitute, value
 from baqueano.identify.result.fit_result import Fit
 from baqueano.language import number
 from baqueano.language import translated as _
-from baqueano.messages import ended, text, texts
+from baqueano.messages import text, texts, with_full_stop
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
@@ -43,14 +42,14 @@ if TYPE_CHECKING:
 
 AHEAD_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
-DRIVEN = 0.5  # of the ticks of a window have a command
-LOST_RAD = 0.5  # standard deviation of the heading, from which on (2) says nothing of the place
-PACE = 0.25  # 1/s: of the lap that is drawn, speed over radius
-FOLLOWED = 0.1  # of the size of a lap: a vehicle that is farther from it does not drive it
+DRIVEN = 0.5  # least part of the ticks of a window with a command
+LOST_RAD = 0.5  # standard deviation of the heading, from which on (2) does not give the position
+PACE = 0.25  # 1/s: speed over radius of the default lap
+FOLLOWED = 0.1  # of the size of a lap: with a larger mean error a vehicle does not drive the lap
 
 
 class Ahead(NamedTuple):
-    """One drive, and how far off its end would be (standard deviations)."""
+    """One drive, and the standard deviations of the pose at its end."""
 
     drive: Diagnostic
     duration_s: float
@@ -60,7 +59,7 @@ class Ahead(NamedTuple):
 
     @property
     def message(self) -> Diagnostic:
-        """Return it as a message."""
+        """Return the drive and its errors as a message."""
         code = "forecast.lost" if self.heading_rad > LOST_RAD else "forecast.off"
         details = {"drive": self.drive, "duration_s": self.duration_s, "way_m": self.way_m}
         degrees = float(np.degrees(self.heading_rad))
@@ -70,14 +69,14 @@ class Ahead(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Forecast(Result):
-    """Errors of open loop that follow from those of a fit, drive by drive.
+    """Open-loop errors that follow from the errors of a fit, drive by drive.
 
     Parameters
     ----------
     ahead : tuple of Ahead
         Each drive, and the standard deviations of the pose at its end [m, rad].
     notes : tuple of Diagnostic or str
-        What is not in it.
+        Errors that the forecast does not contain.
 
     Examples
     --------
@@ -90,7 +89,7 @@ class Forecast(Result):
     notes: tuple[Diagnostic | str, ...]
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per drive, SI."""
+        """Return one flat row per drive, in SI units."""
         return [
             ahead._asdict() | {"drive": text(ahead.drive), "text": text(ahead.message)}
             for ahead in self.ahead
@@ -98,11 +97,11 @@ class Forecast(Result):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Return a sentence per drive, then what is not in them."""
-        return (*texts(ahead.message for ahead in self.ahead), *map(ended, texts(self.notes)))
+        """Return a sentence per drive, then the errors that the forecast does not contain."""
+        return (*texts(ahead.message for ahead in self.ahead), *map(with_full_stop, texts(self.notes)))
 
     def table(self) -> str:
-        """Return the sentences, for people."""
+        """Return the sentences as text."""
         return "\n".join(self.sentences)
 
 
@@ -116,7 +115,7 @@ class _ModelDrive(NamedTuple):
 
 
 def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None, name: str = "") -> Forecast:
-    """Return the errors of open loop that follow from those of a fit, over AHEAD_S driven as its runs and over one lap.
+    """Return the open-loop errors that follow from the errors of a fit, over AHEAD_S as in its runs and over one lap.
 
     Parameters
     ----------
@@ -125,19 +124,19 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     runs : Run or sequence of Run
         The runs of the fit.
     route : Route, optional
-        The lap; else a sinuous circle at the speed of the runs.
+        The lap; default: a sinuous circle at the speed of the runs.
     name : str
         Name of the route.
 
     Returns
     -------
     Forecast
-        Two drives, or one where the model cannot drive the lap.
+        Two drives, or one if the model cannot drive the lap.
 
     Raises
     ------
     UsageError
-        Where the fit is refused, or lacks a parameter of the model with a known error.
+        If the fit is refused, or lacks a parameter of the model with a known error.
 
     Examples
     --------
@@ -178,7 +177,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
 
 
 def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
-    """Return the kernel of η (3,) in open loop, of rows (dt, u).  (1)"""
+    """Return the kernel of η (3,) in open loop, from rows (dt, u).  (1)"""
     blocks = FittedBlocks(fit.blocks.model, sensor_slots(())())
 
     def start(theta: np.ndarray) -> Any:
@@ -198,7 +197,7 @@ def _drive(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _
 
 
 def _as_the_runs(drives: Sequence[_ModelDrive], cov: np.ndarray) -> Ahead:
-    """Return the root mean square over the windows of the runs.  (3)"""
+    """Return the root mean square of the errors over the windows of the runs.  (3)"""
     longest_s = max(float(drive.t_s[-1] - drive.t_s[0]) for drive in drives)
     ahead_s = min(AHEAD_S, 0.999 * longest_s)
     squares, ways = [], []
@@ -211,7 +210,7 @@ def _as_the_runs(drives: Sequence[_ModelDrive], cov: np.ndarray) -> Ahead:
             if moving_ticks[j] - moving_ticks[i] >= DRIVEN * (j - i):
                 squares.append(_squares(drive, i, j, cov))
                 ways.append(way[j] - way[i])
-    if not squares:  # hardly driven at all: the whole of the longest run
+    if not squares:  # hardly driven: use the whole longest run
         return _whole(note("forecast.longest-again"), max(drives, key=lambda drive: len(drive.u)), cov)
     position2, heading2 = np.mean(squares, axis=0).tolist()
     return Ahead(note("forecast.as-the-runs"), ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
@@ -224,7 +223,7 @@ def _whole(drive: Diagnostic, model_drive: _ModelDrive, cov: np.ndarray) -> Ahea
 
 
 def _squares(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
-    """Return the variances of position and heading of the pose at row j, seen from that at row i.  (2)"""
+    """Return the variances of position and heading of the pose at row j, seen from the pose at row i.  (2)"""
     J = map_from_body(drive.eta[i, 2])
     change = drive.slopes[j] - drive.slopes[i]
     way = drive.eta[j] - drive.eta[i]
@@ -235,7 +234,7 @@ def _squares(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float
 
 
 def _route_of(drives: Sequence[_ModelDrive]) -> Any:
-    """Draw a lap at the speed of the runs: the median of that at which they move."""
+    """Return a lap at the median speed of the runs while they move."""
     speed = np.concatenate(
         [
             np.hypot(*np.diff(drive.eta[:, :2], axis=0).T) / np.maximum(np.diff(drive.t_s), 1e-9)
@@ -251,7 +250,7 @@ def _route_of(drives: Sequence[_ModelDrive]) -> Any:
 def _lap(
     fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: "Route"
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, Diagnostic | str]:
-    """Return steps (N,) and commands (N, n) of a lap that the model drives, or why it does not."""
+    """Return steps (N,) and commands (N, n) of a lap that the model drives, or None and the reason."""
     file = fit.vehicle_file
     of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
     try:
@@ -262,7 +261,7 @@ def _lap(
         )  # fmt: skip
         t_ns = times(ticks_of(system, file.rate_hz), file.rate_hz)
         start = begin(system, start_of(system))
-    except (BaqueanoError, ValueError, AttributeError, TypeError) as error:  # a vehicle of somebody's own
+    except (BaqueanoError, ValueError, AttributeError, TypeError) as error:  # a custom vehicle
         return None, note("forecast.no-controller", error=str(error))
     _, (u, eta, reference) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
     size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
@@ -277,14 +276,14 @@ def _command_and_pose(outputs: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _beyond(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:
-    """Return a message where the lap asks for commands that the fit has not seen; none where it does not."""
+    """Return a message if the lap contains commands outside those of the fit, else an empty tuple."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
     flags = fit.envelope.flags(Run(_("The lap"), None, t_ns, u))
     return flags[:1]
 
 
 def _length(length_m: float) -> str:
-    """Return "3.2 cm", "1.4 m"."""
+    """Return a length as text, "3.2 cm" or "1.4 m"."""
     if not np.isfinite(length_m):
         return "∞ m"
     return f"{number(100.0 * length_m):.2g} cm" if length_m < 0.995 else f"{number(length_m):.2g} m"

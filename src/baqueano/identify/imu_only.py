@@ -1,17 +1,16 @@
-"""A vehicle from its commands and its IMU alone: no encoder, no camera.
+"""Fit a vehicle from its commands and its IMU only, without encoder or camera.
 
-The simulation is led by the gyro (gyro_aided.py) and each channel weighed by what it knows of slow motion
-(noise_level.py). Free are, beside what the model asks for, the place of the IMU along the vehicle, which acts on a_x
-by −l ν_ψ² and on a_y by l ν̇_ψ, and of a car the delay of the commands. The scales of gyro and accelerometers cannot
-be known from the IMU itself: twice the gyro's scale and half the speed fit as well. They are held, and so is the zero
-of a car's gyro, which looks like a steering that is a little off; what they may be off by goes into the error bars
-(scale_uncertainty.py), and so does what parts of the run disagree about (jackknife.py). Another yaw rate that leads
-makes another delay likely, so that both are searched in turn until they stay: a fit that is repeated from its own
-answer ends there.
+The gyro leads the simulation (gyro_aided.py), and each channel is weighted by its information on slow motion
+(noise_level.py). Free are also the position l of the IMU along the vehicle, which acts on a_x by −l ν_ψ² and on a_y by
+l ν̇_ψ, and for a car the delay of the commands. The IMU itself does not show the scales of gyro and accelerometers:
+twice the gyro's scale and half the speed fit as well. So the scales are fixed, and so is the zero of a car's gyro,
+which acts like a small steering offset. Their possible errors go into the error bars (scale_uncertainty.py), as does
+the scatter between parts of the run (jackknife.py). A change of the leading yaw rate changes the best delay. So both
+are searched in turn until they settle; a fit that starts from its own result then stays there.
 
 Figures: `baqueano study without-encoders` of a real car, benchmarks/coverage_without_encoders.py of simulated ones, of
-which viscous drag is 2 % too high. A vehicle of two wheels gains nothing; a recording at 10 Hz whose a_y scatters by
-2 m/s² is not enough.
+which viscous drag is 2 % too high. The method does not help a vehicle of two wheels; a recording at 10 Hz whose a_y
+scatters by 2 m/s² is not sufficient.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -53,9 +52,15 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEVER = "lever_arm_m[0]"
-GOES_WITH = ("fixed", "bounds", "start", "gyro_leads", "backend")  # options of a fit that the gyro leads
-FOLLOWED = 8  # rounds of the yaw rate that leads
-STILL = 0.1  # standard deviations that a round moves the parameters, all together, in the last of them
+GOES_WITH = (
+    "fixed",
+    "bounds",
+    "start",
+    "gyro_leads",
+    "backend",
+)  # options that are allowed if the gyro leads
+FOLLOWED = 8  # rounds of updates of the leading yaw rate, at most
+STILL = 0.1  # standard deviations: the search is settled if a round moves all parameters together by less
 
 
 def fit_imu_only(
@@ -71,10 +76,10 @@ def fit_imu_only(
 ) -> Fit:
     """Return the parameters of `vehicle_file` that explain what an IMU measured in `runs`.
 
-    `free`, `solver` and of `options` those in GOES_WITH as in `identify`, which does this by itself for a car with an
-    IMU alone. `use` names the IMU,
-    else the file's only one. `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1;
-    left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError without an IMU.
+    `free`, `solver` and the `options` in GOES_WITH are those of `identify`, which calls this function for a car
+    with only an IMU. `use` names the IMU; default: the only one of the file. `tolerance` {"gyro": 0.01, "accel":
+    0.02} are the possible errors of the scales, relative; default: those of the calibration in the file, else 3 %
+    and 2 % of a data sheet. Raise UsageError without an IMU.
     """
     if names := _other_options(options):
         raise UsageError(fault("imu-only.others", others=names))
@@ -102,13 +107,13 @@ def fit_imu_only(
         data.file, blocks, task._replace(problem=result.problem), list(parameters.requested), list(parameters.frozen),
         result, identifiability, info, data.note, data.findings,
     )  # fmt: skip
-    errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
+    errors = fit_of(end._replace(ask=False))  # the jackknife already contains effects that the model lacks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
     return _with_notes(fit, imu, scales)
 
 
 def _settle(task: Task) -> tuple[Task, Search]:
-    """The search that stays where it is: neither the yaw rate that leads nor the delay is another one for it."""
+    """Return the task and the search after leading yaw rate and delay have settled."""
     within, end = best_search_of_all(task, task.first)
     for _ in range(FOLLOWED):
         end = _follow_gyro(within, end)
@@ -125,7 +130,7 @@ def _settle(task: Task) -> tuple[Task, Search]:
 
 
 def _follow_gyro(task: Task, end: Search) -> Search:
-    """The search led by what gyro and model know together, until that stays what it is."""
+    """Return the search led by the yaw rate from gyro and model together, repeated until it settles."""
     problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
     for _ in range(FOLLOWED):
@@ -139,7 +144,8 @@ def _follow_gyro(task: Task, end: Search) -> Search:
 
 
 def _is_settled(before: np.ndarray, end: Search) -> bool:
-    """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
+    """Return True if a search moved all parameters together by less than STILL standard deviations from `before`
+    (p,)."""
     step = end.solution.theta - before
     return float(step @ information(end.problem, end.solution.theta).bread @ step) < STILL**2
 
@@ -150,7 +156,7 @@ def _with_all_errors(
     info: Information,
     unknown_columns: tuple[np.ndarray, float],
 ) -> Information:
-    """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
+    """Return `info` with its covariance enlarged by the scatter between parts of the run, and by scales and zero."""
     problem, theta, identifiable = (
         end.problem,
         end.solution.theta,
@@ -166,21 +172,21 @@ def gyro_leads(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
-    """Return whether the gyro leads the fit: where the options say so, else of a car that has an IMU alone."""
+    """Return True if the gyro leads the fit: as the options set it, else for a car with only an IMU."""
     if options.gyro_leads is not None:
         return options.gyro_leads
     return not _other_options(options) and imu_is_all(file, runs, use, free)
 
 
 def _other_options(options: FitOptions) -> list[str]:
-    """Return the names of options that do not go with a gyro that leads."""
+    """Return the names of changed options that are not allowed if the gyro leads."""
     return [name for name in options.changed if name not in GOES_WITH]
 
 
 def imu_is_all(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
 ) -> bool:
-    """Return whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
+    """Return True for a car with an IMU as its only sensor, and no requested parameter of a sensor."""
     sensors = file.sensors._asdict()
     names = (
         [name for name in sensors if all(name in run.sensors for run in runs)] if use is None else list(use)
@@ -208,7 +214,7 @@ def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
 def _requested_parameters(
     blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str
 ) -> list[Free]:
-    """Return what is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
+    """Return the free parameters: those requested, and the IMU's position along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     is_fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if acts_alone(blocks.model):
@@ -221,7 +227,7 @@ def _requested_parameters(
 
 
 def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
-    """The fit, with what no run can show and with what it was driven."""
+    """Return the fit with notes on the scales that no run can show, and on its range of motion."""
     sensor = getattr(fit.blocks.sensors, imu)
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
     turn = "baqueano runs calibrate RUN --update"

@@ -1,4 +1,4 @@
-"""Options of a fit, beside its runs, its vehicle file, its parameters and its sensors."""
+"""Options of a fit, in addition to its runs, vehicle file, parameters and sensors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -12,28 +12,28 @@ COSTS = ("simulation", "innovations")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOptions:
-    """Options of `identify`; the defaults are what most fits need.
+    """Options of `identify`; the defaults suit most fits.
 
     Parameters
     ----------
     fixed : sequence of str
-        Paths that stay as the file has them.
+        Paths that keep their values in the file.
     bounds : mapping of str to (float, float)
         Path → lowest and highest value, within those of the field.
     start : mapping of str to float
-        Path → where the search begins, else the file's value.
+        Path → start of the search; default: the file's value.
     per_run : sequence of str
-        Paths that each run has for itself.
+        Paths that are estimated for each run separately.
     biases : bool
-        Estimate the biases of the IMU run by run; those of a car's gyro come from rest (data/rest.py).
+        Estimate the biases of the IMU run by run; that of a car's gyro is measured at rest (data/rest.py).
     at_rest : bool
         The runs begin at rest.
     clocks : sequence of str
         Sensors whose stamps may be off by ± 0.25 s, run by run (data/record.py).
     segment_s : float, optional
-        Length of segments with a start of their own; 5 s where a pose is used.
+        Length of segments with their own start; default: 5 s if a pose is used, else whole runs.
     measured : sequence of str
-        Measured by hand, "end: 2.31 m, 95 deg" (data/hand_measurements.py).
+        Measurements by hand, "end: 2.31 m, 95 deg" (data/hand_measurements.py).
     sigma : mapping of str to array (m,), optional
         Sensor → standard deviation of its noise; None estimates it.
     speed_noise : bool
@@ -41,9 +41,9 @@ class FitOptions:
     cost : str
         "simulation", or "innovations" with process noise (estimation/prediction_error.py).
     gyro_leads : bool, optional
-        The gyro leads the simulation (imu_only.py); None where a car has an IMU alone.
+        The gyro leads the simulation (imu_only.py); None: only for a car with an IMU as its only sensor.
     diagnose : bool
-        Test at the end what the model lacks (diagnostics/residual_checks.py): as long as the fit itself.
+        Test at the end for effects that the model lacks (diagnostics/residual_checks.py); as slow as the fit itself.
     backend : str
         "auto", "c", "python" or "numpy".
 

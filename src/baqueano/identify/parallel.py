@@ -1,4 +1,4 @@
-"""The same work on each run of a fit, on all cores where that pays.
+"""Do the same work on each run of a fit, on all cores if that is faster.
 
 Kernels and long NumPy calls release the GIL, so threads speed them up. Many short NumPy calls do not: two threads
 exchange the lock all the time, and take longer than one. So within one run only a single long call goes `ahead` in a
@@ -15,19 +15,20 @@ from typing import Any, TypeVar
 import numpy as np
 
 R = TypeVar("R")
-ENOUGH = 4_000  # rows in all, from which on threads pay
-AT_ONCE = 200_000  # operations of a product that is taken on one core
+ENOUGH = 4_000  # rows in all, from which on threads are faster
+AT_ONCE = 200_000  # operations of a product that runs on one core
 
 
 def each(what: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
-    """`what` of the first of each list, of the second, …; there are so many `rows` of data in all."""
+    """Return the results of `what` for the first entries of the lists, for the second ones, and so on. `rows` is
+    the total number of data rows."""
     if len(lists[0]) < 2 or rows < ENOUGH:
         return list(map(what, *lists))
     return list(_pool().map(what, *lists))
 
 
 def ahead(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
-    """`work`, one long call, has begun on another core, where that pays; what is returned waits for its end."""
+    """Start `work`, one long call, on another core if that is faster. Return a function that waits for its result."""
     if rows < ENOUGH:
         return work
     running = Event()
@@ -37,20 +38,25 @@ def ahead(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
         return work()
 
     end = _pool().submit(begin).result
-    running.wait()  # else short calls here might keep it waiting for the lock
+    running.wait()  # else short calls here might delay it by holding the lock
     return end
 
 
 def in_cache(n: int, operations: int) -> Iterator[slice]:
-    """Of n rows, as many at a time as stay in the processor's cache, for a product of so many `operations` for each:
-    NumPy's library takes larger ones on threads of its own, which then wait for others, and keep a core busy."""
+    """Return slices of n rows that fit in the processor's cache, for a product of `operations` per row.
+
+    NumPy's library uses its own threads for larger products; these wait for each other and keep a core busy.
+    """
     step = max(1, AT_ONCE // max(operations, 1))
     return (slice(first, min(first + step, n)) for first in range(0, n, step))
 
 
 def gram(x: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1. It takes a copy. Of one and the same
-    array NumPy asks its library for half the product, three times as slow for so few columns."""
+    """Return Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1.
+
+    It copies x: for a product of an array with itself NumPy calls a routine for half the product, which is three
+    times slower with so few columns.
+    """
     out = np.zeros((x.shape[1], x.shape[1]))
     for at in in_cache(len(x), out.size):
         out += (x[at].copy() if weight is None else x[at] * weight[at, None]).T @ x[at]

@@ -1,17 +1,17 @@
-"""A vehicle that ages: its parameters followed over many runs, and which of them moved, and when.
+"""Follow the parameters of a vehicle over many runs, and detect which of them changed, and when.
 
-Each run is fitted by itself, θ̂_k with its covariance Σ_k; the vehicle's parameters walk,
+Each run is fitted separately, θ̂_k with its covariance Σ_k; the vehicle's parameters follow a random walk,
 
     θ_k = θ_{k−1} + w_k,  w_k ~ N(0, diag q²),   θ̂_k = θ_k + e_k,  e_k ~ N(0, Σ_k)                        (1)
 
-filtered and smoothed (Rauch, Tung, Striebel 1965); q, one per parameter, by the likelihood of (1). A parameter
-that a run did not show is carried on, and grows uncertain. For each, whether there was one step:
+filtered and smoothed (Rauch, Tung, Striebel 1965); q, one per parameter, maximises the likelihood of (1). A parameter
+that a run did not show keeps its value, with a growing error. Each parameter is tested for one step:
 
     z_k = (mean after k − mean before k) / its standard error,   z = max_k |z_k|                          (2)
 
-means weighted with 1/(Σ_kk + s²), s the scatter from run to run beyond the error bars, from differences of
-neighbouring runs. It moved if the likelihood of z among K − 1 places and p parameters is below ALPHA (Bonferroni).
-Where a straight line explains the runs better than the step, it drifted.
+with means weighted by 1/(Σ_kk + s²), s the scatter from run to run beyond the error bars, from differences of
+neighbouring runs. A parameter moved if the probability of z among K − 1 places and p parameters is below ALPHA
+(Bonferroni). If a straight line explains the runs better than the step, it drifted.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-ALPHA = 0.01  # that anything is said to have moved when nothing did
-FEWEST = 3  # runs, for a step beyond their scatter
+ALPHA = 0.01  # probability of reporting a change when nothing changed
+FEWEST = 3  # runs; a drift needs more, the scatter needs FEWEST + 2
 WALKS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard errors
 EPOCH_NS = 10**18  # stamps above it are dates
 
 
 class ParameterChange(NamedTuple):
-    """A parameter that is not what it was."""
+    """A parameter that changed."""
 
     name: str
     unit: str
@@ -62,7 +62,7 @@ class ParameterChange(NamedTuple):
 
     @property
     def message(self) -> Diagnostic:
-        """Return it as a warning."""
+        """Return the change as a warning."""
         percent = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
         details = {
             "before": self.before,
@@ -83,8 +83,8 @@ class ParameterHistory(Result):
     names: tuple[str, ...]  # (p,)
     units: tuple[str, ...]
     runs: tuple[str, ...]  # (K,) in the order of time
-    when: tuple[str, ...]  # (K,) dates, "" where the stamps tell none
-    single: np.ndarray  # (K, p) of each run by itself; NaN where it was not seen, or the fit was refused
+    when: tuple[str, ...]  # (K,) dates, "" if the stamps are not dates
+    single: np.ndarray  # (K, p) fits of single runs; NaN if not identifiable, or if the fit was refused
     single_sd: np.ndarray  # (K, p)
     followed: np.ndarray  # (K, p) after run k, from the runs up to it
     followed_sd: np.ndarray  # (K, p)
@@ -98,12 +98,12 @@ class ParameterHistory(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """WARN where a parameter moved or a run was refused."""
+        """Return WARN if a parameter moved or a run was refused, else USABLE."""
         return Verdict.WARN if self.moved or self.refused else Verdict.USABLE
 
     @property
     def vehicle_file(self) -> "VehicleFile":
-        """The file with the parameters as they are after the last run."""
+        """Return the file with the parameters after the last run."""
         value, sd = self.followed[-1], self.followed_sd[-1]
         measured = np.isfinite(value) & np.isfinite(sd)
         paths = [name for name, k in zip(self.names, measured, strict=True) if k]
@@ -112,7 +112,7 @@ class ParameterHistory(Result):
         return replace(self.last, estimate=value, sd=sd, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per run and parameter."""
+        """Return one flat row per run and parameter."""
         out = []
         for k, run in enumerate(self.runs):
             for i, name in enumerate(self.names):
@@ -127,7 +127,7 @@ class ParameterHistory(Result):
         return out
 
     def table(self) -> str:
-        """For people: first run, last run, and what is believed now."""
+        """Return a table as text: the first run, the last run, and the present estimate."""
         wide = max(map(len, (*map(short, self.names), _("parameter"))))
         lines = [
             f"{_('parameter'):{wide}}  {self.runs[0]:>22} {self.runs[-1]:>22} {_('now'):>22}  {_('unit')}"
@@ -151,7 +151,7 @@ class ParameterHistory(Result):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drift:
-    """Parameters of a `ParameterHistory` that moved; its rows are those alone."""
+    """The parameters of a `ParameterHistory` that changed; only these are its rows."""
 
     followed: ParameterHistory
 
@@ -161,7 +161,7 @@ class Drift:
         return self.followed.verdict
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per parameter that moved."""
+        """Return one flat row per parameter that changed."""
         keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
         out = [change._asdict() for change in self.followed.moved]
         return [
@@ -183,9 +183,10 @@ def parameter_history(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     say: Callable[[str], object] | None = None,
 ) -> ParameterHistory:
-    """The parameters of `vehicle_file` over `runs`, in the order of time (by their stamps where these are dates,
-    else as given). `free`, `use` and `options` are those of `identify`. UsageError where fewer than two runs can be
-    fitted."""
+    """Return the parameters of `vehicle_file` over `runs` in order of time, by their stamps if these are dates.
+
+    `free`, `use` and `options` are those of `identify`. Raise UsageError if fewer than two runs can be fitted.
+    """
     if len(runs) < 2:
         raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
@@ -208,7 +209,7 @@ def parameter_history(
 def followed(
     fits: Sequence["Fit"], refused: tuple[str, ...] = (), when: Sequence[str] = ()
 ) -> ParameterHistory:
-    """(1) and (2) of fits in the order of time."""
+    """Return the history of the parameters from fits in order of time.  (1), (2)"""
     first = fits[0]
     p, runs = len(first.names), tuple(fit.runs[0] for fit in fits)
     single, single_sd = np.full((len(fits), p), np.nan), np.full((len(fits), p), np.nan)
@@ -236,8 +237,8 @@ def followed(
 def _smooth(
     single: np.ndarray, covs: np.ndarray, walk: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """(1) forward, its last covariance (p, p), and back: values and standard errors (K, p) each; NaN before a
-    parameter was first seen."""
+    """Return the filtered values of (1), their last covariance (p, p), and the smoothed ones. Values and standard
+    errors are (K, p) each, NaN before the first estimate of a parameter."""
     K, p = single.shape
     typical = np.nanmedian(np.sqrt(np.einsum("kii->ki", covs)), axis=0, keepdims=True)[0]
     wide = 1e6 * np.where(np.isfinite(typical) & (typical > 0.0), typical, 1.0)
@@ -274,7 +275,7 @@ def _columns(states: list[tuple[np.ndarray, np.ndarray]], names: np.ndarray) -> 
 
 
 def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
-    """q of one parameter under (1), of a grid in its typical standard error; 0 where a walk does not help."""
+    """Return q of one parameter under (1), from a grid in its typical standard error, or 0 if not significant."""
     measured = np.isfinite(estimate) & np.isfinite(sd)
     y, s = estimate[measured], sd[measured]
     if len(y) < 2:
@@ -296,7 +297,7 @@ def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
 def _change(
     name: str, unit: str, runs: tuple[str, ...], estimate: np.ndarray, sd: np.ndarray, tests: int
 ) -> ParameterChange | None:
-    """The step or drift of one parameter, None if it stayed.  (2)"""
+    """Return the step or drift of one parameter, or None if it did not change.  (2)"""
     at = np.flatnonzero(np.isfinite(estimate) & np.isfinite(sd))
     y, variance = estimate[at], sd[at] ** 2
     if len(at) < 2:
@@ -332,7 +333,7 @@ def _pair(ends: tuple[float, float], variance: np.ndarray) -> tuple[float, float
 
 
 def _line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float, float, float], float]:
-    """Offset, slope and its standard error of a weighted straight line, and what is left of it."""
+    """Return offset, slope and its standard error of a weighted straight line, and the weighted sum of squares."""
     mean = np.sum(weight * t) / weight.sum()
     spread = np.sum(weight * (t - mean) ** 2)
     slope = float(np.sum(weight * (t - mean) * y) / spread)
@@ -342,8 +343,7 @@ def _line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float
 
 
 def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
-    """s: what the differences of neighbours scatter beyond their error bars, robustly; a step is in one of them
-    only."""
+    """Return s, the robust scatter of neighbours' differences beyond their errors. A step affects only one of them."""
     if len(y) < FEWEST + 2:
         return 0.0
     beyond = np.median(np.diff(y) ** 2 / 0.4549) - np.median(variance[1:] + variance[:-1])
@@ -351,7 +351,7 @@ def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
 
 
 def _limit(alpha: float) -> float:
-    """|z| that a normal number exceeds with the probability alpha."""
+    """Return the |z| that a normal number exceeds with the probability alpha."""
     from statistics import NormalDist
 
     return NormalDist().inv_cdf(1.0 - 0.5 * alpha)

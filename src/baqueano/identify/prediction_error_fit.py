@@ -1,12 +1,11 @@
-"""A finished search by simulation error → the same by innovations, and which of the two to believe.
+"""Repeat a finished search with the innovations cost, and choose between its result and the simulation's.
 
-The simulation's answer is where the second search begins: it has seen what the data show, and found the noise of
-the sensors. What it held stays held. Channels and verdict are still those of the simulation with the new numbers:
-a prediction over one step does not support a model.
-
-Of a fit by simulation error the second search is a test. The errors of its parameters know of the colour of what is
-left (covariance/); colour and size are a doubt because a model that lacks something leaves them too. They are dropped
-where process noise explains them (result/objective_choice.py).
+The second search starts from the result of the simulation, which has already found the identifiable parameters and the
+noise of the sensors. Parameters that were fixed stay fixed. Channels and verdict are still those of the simulation with
+the new numbers: a prediction over one step does not support a model.
+For a fit by simulation error the second search is a test. The errors of its parameters already contain the
+autocorrelation of the residuals (covariance/). Autocorrelation and size are doubts, because a model that lacks an
+effect leaves them too. They are dropped if process noise explains them (result/objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -36,18 +35,18 @@ from baqueano.symbolic import put
 
 
 class PredictionErrorFit(NamedTuple):
-    """The second search, and what it says of the first."""
+    """The second search, and the choice between it and the first."""
 
     end: FinishedFit
     likely: MaximumLikelihood
     choice: ObjectiveChoice
     axes: tuple[int, ...]
-    info: Information  # of θ that is known and of the noise, in this order
+    info: Information  # about the identifiable θ, then the noise
 
 
 def fit_by_simulation(first: FinishedFit) -> Fit:
-    """Return the Fit by the first cost. Where colour and size of the residuals are all that speaks against it, the
-    second is asked whether a floor that moves explains them."""
+    """Return the Fit by the first cost. If autocorrelation and size of the residuals are the only doubts, test by
+    the second cost if process noise explains them."""
     basis, model = verdict_basis(first), first.blocks.model
     moves = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
@@ -65,8 +64,8 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
 
 
 def fit_by_innovations(first: FinishedFit) -> Fit:
-    """Return the Fit by the second cost, with the floor's noise among its parameters; that of the first if somebody
-    stopped it."""
+    """Return the Fit by the second cost, with the floor's noise among its parameters. If the first search was
+    stopped, return its fit."""
     if first.search.stopped:
         return fit_of(first)
     second = search_prediction_error(first)
@@ -90,7 +89,8 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
 
 
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
-    """Of the parameters of `fit` and of the floor's standard deviations (p + k, p + k), NaN where one is not known."""
+    """Return the covariance (p + k, p + k) of the parameters of `fit` and of the floor's standard deviations, NaN
+    for unknown entries."""
     p, floor, count = len(fit.names), second.likely.noise.floor, len(second.end.identifiability.mask)
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
@@ -112,7 +112,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
 
 
 def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
-    """Return the search by the second cost from where the first ended."""
+    """Return the search by the second cost, started at the end of the first."""
     problem, theta, task = first.task.problem, first.search.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)
     is_fixed = np.zeros(problem.size, bool)
@@ -128,7 +128,9 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
         likely.theta, at, optimum.converged, optimum.decrement, optimum.evaluations, optimum.bound[:p]
     )
     evaluations = first.search.evaluations + likely.evaluations
-    search = first.search._replace(solution=solution, colour=likely.info.colour, evaluations=evaluations)
+    search = first.search._replace(
+        solution=solution, autocorrelation=likely.info.autocorrelation, evaluations=evaluations
+    )
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
@@ -143,7 +145,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
 def _compare_objectives(
     first: FinishedFit, prediction: Prediction, likely: MaximumLikelihood
 ) -> LeftOutBlocks | None:
-    """Both answers on segments that neither has used."""
+    """Return the comparison of both results on blocks that were left out of each."""
     problem, ends = first.task.problem, first.search.solution
     mask = first.identifiability.mask
     identifiable = np.flatnonzero(mask & (ends.bound[: len(mask)] == 0))
@@ -155,13 +157,16 @@ def _compare_objectives(
 
 
 def _free(likely: MaximumLikelihood) -> np.ndarray:
-    """(k + m,) bool: the entries of the noise that no bound holds."""
+    """Return a mask (k + m,), True for the noise entries that are not at a bound."""
     return likely.solution.bound[len(likely.theta) :] == 0
 
 
 def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
-    """The information of the identifiable entries of θ with the noise, and of these entries alone. The starts of pieces
-    are eliminated from both, the noise from the second: it too is unknown, and correlated with fading motions."""
+    """Return the information on the identifiable θ with the noise, and that on the identifiable θ only.
+
+    The starts of segments are eliminated from both. The noise is eliminated from the second: it is unknown too, and
+    correlated with fading motions.
+    """
     layout, count, info = first.task.problem.layout, len(first.identifiability.mask), likely.info
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
     order = np.r_[np.arange(count), noise, np.arange(count, layout.size)]
@@ -175,14 +180,15 @@ def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Infor
 
 
 def _times(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
-    """(m,) noise of the sensors without the floor's part in units of the file's, 0 where that tells none."""
+    """Return the sensor noise (m,) without the floor's part, relative to that of the file, or 0 if the file does
+    not contain it."""
     of_file = sigma_of_file(first.blocks)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(of_file > 0.0, estimate / np.where(of_file > 0.0, of_file, 1.0), 0.0)
 
 
 def _sensors(second: PredictionErrorFit) -> Diagnostic:
-    """The noise of the sensors without the floor's part."""
+    """Return a note with the noise of the sensors without the floor's part."""
     problem, noise = second.end.task.problem, second.likely.noise
     sigma = problem.sigma * np.exp(noise.sensors)
     ends = np.cumsum(problem.sizes)[:-1]

@@ -1,4 +1,4 @@
-"""Calibration of gyro, odometer and clocks against a truth, without a model of the vehicle.
+"""Calibrate gyro, odometer and clocks against a truth, without a model of the vehicle.
 
 A camera gives the pose (p, ψ) at t_i on its own clock. For many windows [t_i, t_i + T], T = 2 s:
 
@@ -6,8 +6,9 @@ A camera gives the pose (p, ψ) at t_i on its own clock. For many windows [t_i, 
     p(t_i + T) − p(t_i) = ∫ R(ψ(t)) (k_x, k_y) z_o(t + o) dt + (R(ψ(t_i + T)) − R(ψ(t_i))) l              (2)
 
 o is the offset of the truth's stamps, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
-the angle between the mark and the rolling direction. l is the place of the mark from the point without side slip.
-Both equations are linear except in o: Gauss-Newton starts from the best offset of a grid. Error bars: clusters.py.
+the angle between the mark and the rolling direction. l is the position of the mark relative to the point without side
+slip. Both equations are linear except in o: Gauss-Newton starts from the best offset of a grid. Error bars:
+covariance/clusters.py.
 """
 
 from collections.abc import Callable
@@ -38,9 +39,9 @@ if TYPE_CHECKING:
 WINDOW_S = 2.0
 STEP_S = 0.1  # between the beginnings of windows
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
-GAP_S = 0.25  # in which nothing was measured, above which a window is left out
-LARGEST_S, GRID_S = 0.5, 0.01  # clock offset that is looked for
-LOOSE = 0.02  # of a scale: a half interval beyond it is a doubt
+GAP_S = 0.25  # a window with a longer gap between measurements is left out
+LARGEST_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
+LOOSE = 0.02  # of a scale: a larger half interval gives a warning
 CLOCK_LOOSE_S = 0.02
 
 
@@ -52,8 +53,8 @@ class CalibratedNumber(NamedTuple):
     sd: float
     half: float  # of the 95 % interval
     unit: str
-    in_file: float | None  # what the vehicle file says
-    words: str  # in words
+    in_file: float | None  # value in the vehicle file
+    words: str  # description
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,11 +63,11 @@ class Calibration(Result):
 
     run: str
     numbers: tuple[CalibratedNumber, ...]
-    residuals: dict[str, float]  # what is left of the windows, by equation: rad, m
-    all_told: str = N_("the truth determines everything")  # where nothing speaks against it
+    residuals: dict[str, float]  # root mean square residual of the windows, by equation: rad, m
+    all_told: str = N_("the truth determines everything")  # text without reasons against it
 
     def value(self, name: str) -> float:
-        """By its name; KeyError if it is not known."""
+        """Return the number with this name. Raise KeyError if it is unknown."""
         return {entry.name: entry.value for entry in self.numbers}[name]
 
     @property
@@ -85,11 +86,11 @@ class Calibration(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """WARN with reasons, else USABLE."""
+        """Return WARN with reasons, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per number."""
+        """Return one flat row per number."""
         return [
             {
                 "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half,
@@ -109,9 +110,11 @@ class Calibration(Result):
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
-        """Return place and turn of the mark on the body and the shift of its clock, with half widths of their 95 %
-        intervals. The keys are those of a map (runs/maps/mount.py). UsageError where the run shows none of them."""
-        origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car: ahead of the axle that does not slip
+        """Return position and angle of the mark and offset of its clock, and the half widths of their 95 % intervals.
+
+        The keys are those of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them.
+        """
+        origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
         usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half)]
@@ -121,7 +124,7 @@ class Calibration(Result):
         return values, {names[entry.name]: entry.half for entry in usable}
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
-        """The file with the sensors' scales, how well each is known, the gyro's bias, and where they come from."""
+        """Return the file with the scales of the sensors and their errors, the bias of the gyro, and their origin."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
@@ -135,8 +138,8 @@ class Calibration(Result):
 
 
 def scale_std_path(file: "VehicleFile", path: str) -> str | None:
-    """Return the key that says how well the scale at `path` is known, "sensors.imu.gyro_scale_std"; None for anything
-    but a scale, or without such a key."""
+    """Return the key of the standard deviation of the scale at `path`, such as "sensors.imu.gyro_scale_std", or
+    None if it is not a scale or without such a key."""
     owner, _, field = path.rpartition(".")
     field_of_block = dict(parameters(get(file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
@@ -150,11 +153,11 @@ class TruthSignal(NamedTuple):
     sum: np.ndarray  # (M,) ∫ z dt
 
     def at(self, t_s: np.ndarray) -> np.ndarray:
-        """z there."""
+        """Return z at the times `t_s`."""
         return np.interp(t_s, self.t_s, self.z)
 
     def until(self, t_s: np.ndarray) -> np.ndarray:
-        """∫ z dt, from the beginning to there."""
+        """Return ∫ z dt from the first time to the times `t_s`."""
         k = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
         h = t_s - self.t_s[k]
         slope = (self.z[k + 1] - self.z[k]) / (self.t_s[k + 1] - self.t_s[k])
@@ -162,7 +165,7 @@ class TruthSignal(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """A camera's windows on the clock of the truth, from frame `a` to frame `b`."""
+    """Windows of a camera on the clock of the truth, from frame `a` to frame `b`."""
 
     t_s: np.ndarray  # (K,) of the frames
     eta: np.ndarray  # (K, 3) heading unwrapped
@@ -171,27 +174,27 @@ class Windows(NamedTuple):
     batch: np.ndarray  # (N,)
 
     def of(self, x: np.ndarray) -> np.ndarray:
-        """x(b) − x(a) of a quantity per frame (K, …)."""
+        """Return x(b) − x(a) of a quantity per frame (K, …)."""
         return x[self.b] - x[self.a]
 
 
-Equations = tuple[np.ndarray, np.ndarray, np.ndarray]  # y, slopes, their change per second of offset
+Equations = tuple[np.ndarray, np.ndarray, np.ndarray]  # y, derivatives, their change per second of offset
 
 
 class WindowRegression(NamedTuple):
-    """A regression over windows."""
+    """Result of a regression over windows."""
 
     x: np.ndarray  # (p,) linear coefficients
     offset_s: float
-    cov: np.ndarray  # (p + 1, p + 1), the offset last; (p, p) where it was given
+    cov: np.ndarray  # (p + 1, p + 1), the offset last; (p, p) if it was given
     rms: float
     freedom: int
 
 
 def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
-    """Scale and bias of the gyro, scale of the odometer, place of the mark, and the offset of the truth's clock.
+    """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
 
-    `file` names the sensors. UsageError where the run is too short, or lacks a pose from outside or all of these
+    `file` names the sensors. Raise UsageError if the run is too short, or lacks a pose of a truth or all of these
     sensors.
     """
     gyro = channel_of(run, file, "gyro_scale", -1)
@@ -217,8 +220,11 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
 
 
 def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, TruthSignal] | None:
-    """Return the first sensor with such a field that the run has, and its channel; samples that repeat the one before
-    in all entries of an IMU are a driver's, not the chip's."""
+    """Return the first sensor of the run with such a field, and its channel, or None.
+
+    Samples of an IMU that repeat the previous one in all entries are left out, as a driver repeats them, not the
+    chip.
+    """
     for name, block in file.sensors._asdict().items():
         channel = run.sensors.get(name)
         if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
@@ -234,7 +240,7 @@ def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple
 
 
 def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
-    """Times (K,) and poses (K, 3) of the truth, heading unwrapped."""
+    """Return times (K,) and poses (K, 3) of the truth, with the heading unwrapped. Raise UsageError without a pose."""
     if (
         run.truth is not None
         and np.isfinite(run.truth.eta[:, :2]).any()
@@ -257,7 +263,7 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
 
 
 def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSignal) -> Windows:
-    """All windows in which neither the truth nor the sensor is silent for long, whatever the offset."""
+    """Return all windows without a long gap in truth or sensor at any offset. Raise UsageError for too few."""
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
     if not end - begin >= BATCHES * WINDOW_S:
@@ -292,14 +298,14 @@ def _silences(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
 
 
 def _turn_equations(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations:
-    """(1): y (N,), slopes (N, 2) of (a, −c), and what they change by per second of offset (N, 2)."""
+    """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
     slopes = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
     return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.at(t)), np.zeros(len(w.a))], axis=1)
 
 
 def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
-    """(2): y (2N,), slopes (2N, 4) of (k_x, k_y, l_x, l_y), and what they change by per second of offset."""
+    """Return (2): y (2N,), derivatives (2N, 4) by (k_x, k_y, l_x, l_y), and their change per second of offset."""
     c, s = np.cos(w.eta[:, 2]), np.sin(w.eta[:, 2])
 
     def way(v: np.ndarray) -> np.ndarray:
@@ -322,7 +328,7 @@ def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equ
 def _best(
     equations: Callable[[float], Equations], w: Windows, offset_s: float | None = None
 ) -> WindowRegression:
-    """The offset of least residual, if it is not given, and all else at it."""
+    """Return the regression at the offset of least residual, or at `offset_s` if it is given."""
     free = offset_s is None
     if offset_s is None:
         grid = np.arange(-LARGEST_S, LARGEST_S + 0.5 * GRID_S, GRID_S)
@@ -357,7 +363,7 @@ def _number(
     was: float | None,
     words: str,
 ) -> CalibratedNumber:
-    """A number that is a function of the coefficients and the offset (p + 1,), with its error bar."""
+    """Return a number that is a function `of` the coefficients and the offset (p + 1,), with its error bar."""
     x = np.array([*answer.x, answer.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
     slope = np.array([(of(x + h) - of(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
@@ -380,7 +386,8 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
 
 
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
-    """The mark's place is in the axes of the body, x the way in which the wheels roll."""
+    """Return scale of the odometer and position and heading of the mark, in the axes of the body; x is the rolling
+    direction of the wheels."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
     words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 

@@ -1,16 +1,15 @@
-"""The scale and the bias of a gyro from whole turns by hand, between rests on a mark.
+"""Calibrate scale and bias of a gyro from whole turns by hand, between rests on a mark.
 
     G_k = Σ_{j<k} ∫ (z − b_j) dt = s θ_k,   θ_k = 2π N_k + a_k                                            (1)
-    b_j: the bias between rests j and j + 1, the mean of what z shows in these two
+    b_j: the bias between rests j and j + 1, the mean of z in these two
     cov G = s² σ_a² I + L diag(q) Lᵀ,   q_j = T_j² (var b_j + (b_{j+1} − b_j)²/12)                        (2)
 
-s and one constant by generalised least squares. a_k is how well a hand puts the vehicle back on its mark,
-ANGLE_STD_RAD. Where the rests scatter by more than they do once in a hundred times, it is their scatter; L sums up, and
-T_j is how long a turn took. A bias that moved from rest to rest is known as a uniform distribution between the two.
-
-A rest is REST_S or more in which the gyro scatters as little as at its quietest. N_k is the nearest whole number, as
-long as a scale off by TOLERANCE cannot make it another; otherwise somebody has to say how many turns it was. A rest in
-the midst of a turn is off the mark and tells nothing.
+s and one constant are estimated by generalised least squares. a_k is the error of the hand on the mark, ANGLE_STD_RAD,
+or the scatter of the rests if that is significantly larger (probability 1 in 100). L sums up, and T_j is the duration
+of a turn. A bias that changed from rest to rest has a uniform distribution between the two.
+A rest is REST_S or more in which the gyro scatters as little as at its quietest. N_k is the nearest whole number, if a
+scale off by TOLERANCE cannot change it; otherwise the user must give the number of turns. A rest in the middle of a
+turn is off the mark and is not used.
 """
 
 from itertools import pairwise
@@ -34,15 +33,15 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-REST_S, PIECE_S = 2.0, 0.5  # the shortest rest; pieces of which it is made
-QUIETEST, LOUDER = 0.05, 3.0  # quantile of the pieces' scatter, and times of it that still are a rest
-SLOWEST = 0.02  # rad/s: a mean beyond that of the first rest is a turn
-TOLERANCE = 0.06  # of a scale: twice a data sheet's
+REST_S, PIECE_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
+QUIETEST, LOUDER = 0.05, 3.0  # quantile of the windows' scatter; up to LOUDER times it is a rest
+SLOWEST = 0.02  # rad/s: a mean that differs by more from that of the first rest is a turn
+TOLERANCE = 0.06  # of a scale: twice that of a data sheet
 OFF_MARK = 4.0  # standard errors of the hand
 
 
 class Rest(NamedTuple):
-    """A time in which it stood."""
+    """A time in which the vehicle was at rest."""
 
     begin_s: float
     end_s: float
@@ -51,15 +50,15 @@ class Rest(NamedTuple):
 
     @property
     def middle_s(self) -> float:
-        """Return its middle."""
+        """Return the middle of the rest [s]."""
         return 0.5 * (self.begin_s + self.end_s)
 
 
 def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibration:
-    """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark. `turns`: how many
-    whole turns it was between two of them, either way; None: the nearest whole number.
+    """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
 
-    UsageError where the run lacks a gyro, two rests or whole turns. The same where the gyro was silent or saturated.
+    `turns` is the number of whole turns between two rests, either way; None: the nearest whole number. Raise UsageError
+    if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated.
     """
     channel = channel_of(run, file, "gyro_scale", -1)
     if channel is None:
@@ -95,7 +94,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
 
 
 def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> None:
-    """UsageError where a part of a turn is not in the record."""
+    """Raise UsageError if the record of a turn has a gap or is saturated."""
     gap = np.diff(gyro.t_s)
     if gap.max() > GAP_S:
         at_s = float(gyro.t_s[np.argmax(gap)])
@@ -120,13 +119,13 @@ def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> Non
 
 
 def turned_by_hand(run: Run) -> bool:
-    """Return True where no command moved and nobody saw the pose: all that can have turned it is a hand."""
+    """Return True if no command moved and no pose was measured: only a hand can have turned the vehicle."""
     without_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
     return without_truth and not np.any(np.nan_to_num(run.applied))
 
 
 def _rests(gyro: TruthSignal) -> list[Rest]:
-    """Return where it stood: pieces as quiet as the quietest, joined."""
+    """Return the rests: joined windows with a scatter close to the quietest ones."""
     t_s, z = gyro.t_s, gyro.z
     piece = ((t_s - t_s[0]) // PIECE_S).astype(int)
     ends = np.flatnonzero(np.diff(piece, append=piece[-1] + 1)) + 1
@@ -162,8 +161,8 @@ def _angles(gyro: TruthSignal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarra
 def _whole(
     name: str, rests: list[Rest], angle: np.ndarray, turns: float | None
 ) -> tuple[np.ndarray, list[int]]:
-    """Return whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where
-    none exist, or where their number is ambiguous."""
+    """Return the whole turns N of the rests on the mark, from the first on, and the indices of these rests. Raise
+    UsageError if none exist, or if their number is ambiguous."""
     whole, rests_used, off = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
         turn_count = (angle[k] - angle[rests_used[-1]]) / TAU
@@ -191,18 +190,19 @@ def _whole(
 
 
 def _count(turns: float) -> str:
-    """Return "1 turn", "4 turns"."""
+    """Return the number as text, "1 turn" or "4 turns"."""
     return "1 turn" if turns == 1 else f"{turns:g} turns"
 
 
 def _covariance(rests_used: list[int], variance: np.ndarray) -> np.ndarray:
-    """Return (K, K) of what the bias adds to G at `rests_used`.  (2)"""
+    """Return the covariance (K, K) that the bias adds to G at `rests_used`.  (2)"""
     L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[rests_used]
     return (L * variance) @ L.T
 
 
 def _regression(angle: np.ndarray, whole: np.ndarray, of_bias: np.ndarray) -> tuple[float, float, int | None]:
-    """Return the scale, its standard error, and the freedom of that where the rests themselves say it.  (1), (2)"""
+    """Return the scale, its standard error, and the degrees of freedom if the error comes from the scatter of the
+    rests, else None.  (1), (2)"""
     X = np.column_stack([np.ones(len(whole)), TAU * whole])
     scale, freedom = float(np.polyfit(TAU * whole, angle, 1)[0]), len(whole) - 2
     cov = (scale * ANGLE_STD_RAD) ** 2 * np.eye(len(whole)) + of_bias

@@ -1,17 +1,17 @@
-"""A fit on runs that it has not seen: simulated from the commands alone, parameters as they are.
+"""Validate a fit on held-out runs: simulate them from the commands only, with unchanged parameters.
 
     e = z − h(θ̂),   error = √ mean e²,   explained = 1 − Σ e² / Σ (z − z̄)²                                 (1)
     noise² = mean e_own² + max(0, w² − w_own²),   w² = ½ mean (e_{k+1} − e_k)²                            (2)
     g_b = log mean_{block b} e²,   ḡ − ḡ_own > t_{1−α} s √(1/B + 1/B_own)   and   error² > 2 noise²        (3)
     g_b − ḡ_own > t_{1−α/B} s_own √(1 + 1/B_own)   and   mean_{block b} e² > 2 noise²                      (4)
     error² − s² > χ²_{1,1−α} n² / (T / SHORT_S),   s² = mean (z − z̄)²,
-                  n² = min(noise², s²), or w² where the own runs are explained by less than 0 too         (5)
+                  n² = min(noise², s²), or w² if the own runs are explained by less than 0 too            (5)
 
-What belongs to a run is found on it: biases, clocks, the mount of a truth, the start unless the run begins at rest.
-The error is held against noise (2): what the fit leaves of its own runs, and the white part by which this run is
-louder (von Neumann's w). WARN: the model's own part of e² is larger than noise, by more than chance (3), over blocks
-of BLOCK_S of both, SHORT_S where these are few; or one block is (4). REFUSED: explained by less than 0, by more than
-chance (5). CANNOT TELL: a command that moved in the fit has too few independent pieces here. α is half of CHANCE.
+Values of a run are estimated on it: biases, clocks, the mount of a truth, the start unless the run begins at rest. The
+error is compared with noise (2): the residual of the fit on its own runs, and the excess of this run's white noise (von
+Neumann's w). WARN: the model's own part of e² is larger than noise, significantly (3), over blocks of BLOCK_S of both,
+SHORT_S if these are few; or one block fulfils (4). REFUSED: explained is significantly below 0 (5). CANNOT TELL: too
+few independent pieces of motion here of a command that moved in the fit. α is half of CHANCE.
 """
 
 from collections.abc import Sequence
@@ -43,58 +43,58 @@ from baqueano.sensors.sampling import tells_pose
 from baqueano.vehicle_file.units import channel_unit
 
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
-CHANCE = 0.01  # of a warning on one channel of one run, for a model that carries over
-CLIPPED = 10.0  # noises beyond which an error counts no more: one spike is not the model's
+CHANCE = 0.01  # probability of a warning on one channel of one run, for a model that is right
+CLIPPED = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
 LEAST = 10  # readings of a block that is counted
-ENOUGH = 6  # blocks on both sides; where BLOCK_S makes fewer, they have SHORT_S
+ENOUGH = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_S
 
 
 class Figure(NamedTuple):
-    """One channel of one unseen run."""
+    """Figures of one channel of one held-out run."""
 
     run: str
     channel: str
     error: float  # root mean square
     explained: float
-    on_own_runs: float  # explained of the runs that the fit was made from
+    on_own_runs: float  # explained part on the runs of the fit
     unit: str = ""  # of error
     noise: float = float("nan")  # error that sensor and floor explain, by (2)
 
     @property
     def times(self) -> float:
-        """The error in units of what noise explains: 1 for a perfect model."""
+        """Return the ratio of the error to the noise, 1 for a perfect model."""
         return self.error / self.noise if self.noise > 0.0 else float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Validation(Result):
-    """All channels of all unseen runs."""
+    """All channels of all held-out runs."""
 
     figures: tuple[Figure, ...]
     channels: tuple[ChannelFit, ...]
-    messages: tuple[Diagnostic, ...]  # what speaks against the model, and why nothing could
+    messages: tuple[Diagnostic, ...]  # evidence against the model, and reasons why none is possible
     outside: tuple[Diagnostic, ...]  # runs that leave the envelope of the fit
     basis: Diagnostic  # "20 s open loop from standstill, 12 independent pieces of motion"
 
     @property
     def verdict(self) -> Verdict:
-        """REFUSED where the model is worse than none, WARN where a channel carries over badly, CANNOT TELL."""
+        """Return REFUSED if the model is worse than the mean, WARN for too large an error, CANNOT TELL, or USABLE."""
         return Verdict.of(self.messages)
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return the reasons for the verdict, the gravest first; () for USABLE."""
+        """Return the reasons for the verdict, the most severe first; () for USABLE."""
         order = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN)
         return tuple(sorted(self.messages, key=lambda message: order.index(message.severity)))
 
     @property
     def sentence(self) -> str:
-        """The verdict, over which horizon, and why."""
+        """Return the verdict, the reasons and the horizon as text."""
         code = "validation.checked" if self.messages else "validation.carries-over"
         return verdict_line(self.verdict, [*self.reasons, note(code, basis=self.basis)])
 
     def rows(self) -> list[TableRow]:
-        """One flat row per run and channel."""
+        """Return one flat row per run and channel."""
         return [figure._asdict() | {"times": figure.times} for figure in self.figures]
 
     def table(self) -> str:
@@ -117,12 +117,12 @@ class _ChannelError(NamedTuple):
     square: float  # mean e²
     white: float  # w² of (2)
     g: np.ndarray  # (B,) log of the mean square of each block
-    t_s: np.ndarray  # (B,) when it begins
+    t_s: np.ndarray  # (B,) begin of each block
     block_s: float = BLOCK_S
 
 
 def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
-    """`fit` on `runs`. UsageError where it was made from one of them, or was refused."""
+    """Validate `fit` on `runs`. Raise UsageError if the fit was refused, or used one of these runs."""
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("validation.refused-fit"))
@@ -154,7 +154,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
 
 
 def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
-    """Return why nothing could speak against the model, of each command that moved in the fit."""
+    """Return the reasons why no test of the model is possible, for each command that moved in the fit."""
     out, needed_s = [], SHORT_S * ENOUGH_PIECES
     for k in fit.envelope.moved:
         count, name = pieces_of(runs, k), fit.envelope.names[k]
@@ -167,8 +167,8 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
 
 
 def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
-    """Return over which horizon the model was checked, from which start, and by how much."""
-    has_pose = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into pieces
+    """Return a note on the horizon, the start and the amount of motion of the test."""
+    has_pose = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into segments
     spans = [min(run.duration_s, POSE_S) if has_pose else run.duration_s for run in runs]
     least, most = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
     if all(rest) and not has_pose:
@@ -183,7 +183,7 @@ def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
 
 
 def _channels_used(fit: Fit) -> tuple[str, ...]:
-    """Return the sensors of the fit, as `use` takes them; tape measurements are left out."""
+    """Return the sensors of the fit, in the form of `use`, without hand measurements."""
     entries_used = dict.fromkeys((c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained))
     sensors = [name for name in fit.sigma if name not in KINDS]
     whole = [name for name in sensors if all((name, k) in entries_used for k in range(len(fit.sigma[name])))]
@@ -191,7 +191,7 @@ def _channels_used(fit: Fit) -> tuple[str, ...]:
 
 
 def _figure(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
-    """The figures of one channel of an unseen run beside those of its `own` runs, and what speaks against it."""
+    """Return the figures of one channel of a held-out run and of the `own` runs, and the evidence against the model."""
     own, e = [channel for channel in own if np.isfinite(channel.explained)], c.measured - c.predicted
     part = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
     figure = Figure(c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), part, np.nan, unit)
@@ -212,7 +212,7 @@ def _figure(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure
 
 
 def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic | None:
-    """Return a finding on a channel whose explained part is below 0 by more than chance.  (5)"""
+    """Return a finding on a channel whose explained part is significantly below 0, or None.  (5)"""
     finite = np.isfinite(c.measured - c.predicted)
     blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_S)
     total = float(np.var(c.measured[finite]))
@@ -224,13 +224,13 @@ def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic
 
 
 def _about(code: str, severity: Severity, figure: Figure, **figures: float | Diagnostic) -> Diagnostic:
-    """Return a finding on one channel of one unseen run."""
+    """Return a finding on one channel of one held-out run."""
     details: JsonObject = {"run": figure.run, "error": figure.error, "unit": figure.unit} | figures
     return note(code, severity, subject=figure.channel, **details)
 
 
 def _against(figure: Figure, errors: _ChannelError, own: np.ndarray) -> list[Diagnostic]:
-    """Return what speaks against the model in one channel of a run, one finding at most.  (3), (4)"""
+    """Return the evidence against the model in one channel of a run, at most one finding.  (3), (4)"""
     noise2, freedom, alpha = figure.noise**2, len(errors.g) + len(own) - 2, 0.5 * CHANCE
     details = {
         "times": figure.times, "explained": 100 * max(figure.explained, 0.0), "of_own": 100 * figure.on_own_runs,
@@ -256,7 +256,7 @@ def _against(figure: Figure, errors: _ChannelError, own: np.ndarray) -> list[Dia
 
 
 def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelError, list[_ChannelError]]:
-    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S if these are ENOUGH."""
+    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S if ENOUGH, else of SHORT_S."""
     every = np.concatenate([channel.measured - channel.predicted for channel in own])
     spread, trials = float(np.sqrt(np.nanmean(every**2))), []
     for block_s in (BLOCK_S, SHORT_S):

@@ -102,10 +102,10 @@ def texts(messages: "Iterable[Diagnostic | str]") -> list[str]:
     return [text(message) for message in messages]
 
 
-def ended(sentence: str) -> str:
+def with_full_stop(sentence: str) -> str:
     """Return a sentence with the full stop that it may lack.
 
-    >>> ended("was it touched?"), ended("the run is short")
+    >>> with_full_stop("was it touched?"), with_full_stop("the run is short")
     ('was it touched?', 'the run is short.')
     """
     return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."

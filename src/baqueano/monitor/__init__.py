@@ -1,6 +1,6 @@
-"""Find a wrong sensor: runs of readings against the model by the commands alone, and a third witness.
+"""Detect a wrong sensor: compare runs of readings with the model, and use the other numbers as a third witness.
 
-agreement.py judges numbers, witness.py decides between sensor and model, findings.py says it.
+agreement.py judges the numbers, witness.py decides between sensor and model, findings.py formulates the message.
 """
 
 from baqueano.monitor.agreement import Agreement

@@ -1,18 +1,18 @@
-"""Agreement of each number of each sensor with the model and the estimator. Figures only; findings.py says it.
+"""Agreement of each number of each sensor with the model and the estimator. It returns figures; findings.py names them.
 
-A reading z disagrees if it is not finite, if it stands at the end of its range, or if
+A reading z disagrees if it is not finite, if it is at the end of its range, or if
 
     |r| > SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b                                                     (1)
     |y| > SIGMA √S                                                                                        (2)
 
-x̂, P are the model by the commands alone: an estimator that follows a sensor sees nothing wrong with it. b, p are the
-bias that was learned at rest; y, S the estimator's innovation, where it gives one. Runs of readings are judged:
+x̂, P: state and covariance of the model, from the commands only (an estimator that follows a wrong sensor agrees with
+it); h, H: measurement function and Jacobian; Q: noise; b, p: bias learned at rest, and its variance; y, S: innovation
+of the estimator. Runs of readings give the doubt in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root of (1):
 
     doubt ← doubt + δ while it disagrees;   doubt − δ (SLOW + (FAST − SLOW) i) while it agrees            (3)
     i = s²/(s² + (SIGMA σ)²),   s = h(x̂) − h(rest)                                                        (4)
 
-within [0, DEGRADED_S]. Where nothing is expected (i = 0), a sensor that is stuck agrees too, and that says little.
-Analytical redundancy: Gertler 1998. Which of model and sensor is off: witness.py.
+For i = 0 a stuck sensor also agrees. Gertler 1998 (analytical redundancy). Sensor or model: witness.py.
 """
 
 from dataclasses import dataclass
@@ -34,19 +34,21 @@ from baqueano.symbolic import jacobian
 
 SIGMA = 4.0
 SLOW, FAST = 0.5, 2.0  # of (3)
-STEP_S = 0.1  # longest time that one reading speaks for: five of a slow sensor make an event
+STEP_S = 0.1  # longest time that one reading counts for: five readings of a slow sensor make an event
 TINY = 1e-300
-BEFORE_REST = 5.0  # times its deviation in the file a bias may be off before a rest: that was another day
-LARGEST = 20.0  # of the evidence
-MEMORY_S = 2.0  # of the ratio and of the evidence
+BEFORE_REST = (
+    5.0  # factor on the standard deviation of a bias in the file, before a rest: the file may be old
+)
+LARGEST = 20.0  # limit of the evidence
+MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """The doubt of each number of `sensors`, in the order of a tick."""
+    """Monitor of the doubt of each number of `sensors`, in the order of a tick."""
 
     model: AugmentedEkf  # without sensors
-    at: tuple[int, ...] | None = None  # the number that each innovation is of; None: not known
+    at: tuple[int, ...] | None = None  # index of the number of each innovation; None: not known
 
     @property
     def numbers(self) -> Numbers:
@@ -54,7 +56,7 @@ class Agreement:
         return numbers_of(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
-        """Return zero disagreement."""
+        """Return the state without any doubt."""
         zero = np.zeros(len(self.numbers.names))
         rows = Memory(*[zero] * len(Memory._fields))
         rows = rows._replace(bias_var=(BEFORE_REST * self.numbers.bias_std) ** 2)
@@ -63,7 +65,7 @@ class Agreement:
     def step(
         self, state: MonitorState, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
     ) -> tuple[MonitorState, np.ndarray]:
-        """Return the doubt (m,) [s] after a tick to which the estimator had the innovation y with covariance S."""
+        """Return the state and the doubt (m,) [s] after a tick; y and S are innovation and covariance of the filter."""
         its, before, was = self.numbers, state.model, Memory(*state.memory)
         row = row_of(before.t_ns, tick, self.model.rate_hz)
         model, _ = self.model.row(before, tick)
@@ -122,7 +124,7 @@ class Agreement:
     def _expectation(
         self, before: AugmentedBelief, model: AugmentedBelief, row: Value, tick: Tick
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """h (m,) by the model alone, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with ν̇ held."""
+        """Return h (m,) of the model, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with constant ν̇."""
         vehicle = self.model.vehicle
         _, effort = vehicle.drivetrain.step(before.drivetrain, row.u, row.moved_s)
         eta, nu, nu_dot, constant = model.mean[:3], model.mean[3:6], None, np.zeros(3)
@@ -143,7 +145,7 @@ class Agreement:
         return np.concatenate(values), np.concatenate(slopes), np.concatenate(kinematic)
 
     def _difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-        """z − expected (m,), angles wrapped."""
+        """Return z − expected (m,) with wrapped angles."""
         out, k = [], 0
         for name in self.numbers.sensors:
             sensor = getattr(self.model.sensors, name)
@@ -152,7 +154,7 @@ class Agreement:
         return np.concatenate(out)
 
     def _is_refused(self, y: Value, S: Value) -> Value:
-        """(m,) whether the estimator's own innovation is too far.  (2)"""
+        """Return a mask (m,): True if the innovation of the estimator is too large.  (2)"""
         far = [np.zeros(()) > 0.0] * len(self.numbers.names)
         if self.at is None or y is None or S is None:
             return np.array(far)
@@ -162,6 +164,9 @@ class Agreement:
 
 
 def _only_suspect(suspect: np.ndarray) -> np.ndarray:
-    """(m,) whether no other number is suspect: who follows one that is off refuses those that are right."""
+    """Return a mask (m,): True if no other number is suspect.
+
+    An estimator that follows a wrong number refuses the correct ones, so (2) alone does not count.
+    """
     count = np.sum(np.where(suspect, 1.0, 0.0))
     return count - np.where(suspect, 1.0, 0.0) < 0.5

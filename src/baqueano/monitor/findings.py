@@ -1,4 +1,4 @@
-"""Describe a number that disagrees, and say which of sensor and model is off."""
+"""Describe a number that disagrees, and report which of sensor and model is wrong."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,15 @@ NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
 )  # fmt: skip
 SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
 SURE = 3.0  # log odds: 20 to 1
-NOTHING, PROPORTIONAL = 0.15, 0.7  # ratio below which it is zero; part that one factor explains
+NOTHING, PROPORTIONAL = (
+    0.15,
+    0.7,
+)  # ratio below which a reading is zero; part of the signal that one factor explains
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A number of a sensor that has disagreed with the model for a while.
+    """A number of a sensor that has disagreed with the model for some time.
 
     Attributes
     ----------
@@ -27,7 +30,7 @@ class Finding:
     t_ns : int
         Time of the finding.
     doubt_s : float
-        How long it has disagreed, less what it agreed since.
+        Duration of the disagreement, less that of the agreement since.
     looks : str
         One of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY.
     off : str
@@ -35,9 +38,9 @@ class Finding:
     reading : float
         The number, in the sensor's unit.
     expected : float
-        The same by the model alone.
+        The number as the model predicts it from the commands.
     ratio : float
-        Reading over expectation, both less what it shows at rest.
+        Reading over expectation, both minus the value at rest.
 
     Examples
     --------
@@ -56,12 +59,12 @@ class Finding:
 
     @property
     def degraded(self) -> bool:
-        """Return whether it has disagreed for DEGRADED_S."""
+        """Return True if the number has disagreed for DEGRADED_S."""
         return self.doubt_s >= DEGRADED_S
 
     @property
     def diagnostic(self) -> Diagnostic:
-        """Return it as a message."""
+        """Return the finding as a message."""
         off = note(f"sensor.off-{self.off}", fix="baqueano identify last" if self.off == MODEL else "")
         figures = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": off}
         message = note(f"sensor.{self.looks}", subject=self.name, **figures)
@@ -73,7 +76,7 @@ class Finding:
 
 
 def finding(numbers: Numbers, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
-    """Return what the memory of the monitor says of number `c`."""
+    """Return the finding for number `c` from the memory of the monitor."""
     z, h, rest = float(memory.last[c]), float(memory.expected[c]), float(numbers.rest[c])
     ss, sz, zz = (float(x[c]) for x in (memory.ss, memory.sz, memory.zz))
     ratio = sz / ss if ss > 0.0 else float("nan")
@@ -87,7 +90,7 @@ def finding(numbers: Numbers, c: int, memory: Memory, t_ns: int, doubt_s: float)
 
 
 def _looks(n: Numbers, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float) -> str:
-    """Return how number `c` looks."""
+    """Return the symptom of number `c`: NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SCALED or AWAY."""
     if memory.broken[c] > 0.0:
         return AT_ITS_END if np.abs(memory.last[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
     is_constant = memory.same_s[c] >= FROZEN_S

@@ -1,4 +1,4 @@
-"""Memory of the monitor for each number between ticks, and for how long it counts."""
+"""Memory of the monitor for each number between ticks, and its time limits."""
 
 from typing import NamedTuple
 
@@ -7,9 +7,9 @@ import numpy as np
 from baqueano.estimators.augmented_ekf import AugmentedBelief
 
 EVENT_S, DEGRADED_S = 0.5, 2.0  # of sustained disagreement
-FROZEN_S = 0.3  # the same number, bit by bit
-LONGER = 3.0  # times the longest such run before
-ALIVE = 50  # changes of a reading before it is known to change
+FROZEN_S = 0.3  # duration of exactly the same number
+LONGER = 3.0  # factor on the longest earlier run of the same number
+ALIVE = 50  # changes of a reading before a constant one is suspect
 
 
 class Memory(NamedTuple):
@@ -20,24 +20,24 @@ class Memory(NamedTuple):
     silent_s: np.ndarray  # since the last reading
     last: np.ndarray  # reading
     same_s: np.ndarray  # since the reading changed
-    longest_s: np.ndarray  # for which it stayed the same before
-    changes: np.ndarray  # how often it changed
-    broken: np.ndarray  # 1: the last reading was none
+    longest_s: np.ndarray  # longest earlier time without a change
+    changes: np.ndarray  # count of changes
+    broken: np.ndarray  # 1: the last reading was not finite or at the end of its range
     bias: np.ndarray  # learned at rest
     bias_var: np.ndarray
     expected: np.ndarray  # h(x̂) + b
-    ss: np.ndarray  # fading sums of s², s s', s'²; s' was read in place of s
+    ss: np.ndarray  # fading sums of s², s s', s'²; s' is the measured signal, s the expected one
     sz: np.ndarray
     zz: np.ndarray
 
 
 class MonitorState(NamedTuple):
-    """Between ticks."""
+    """State of the monitor between two ticks."""
 
-    model: AugmentedBelief  # by the commands alone
+    model: AugmentedBelief  # belief of the model, from the commands only
     memory: np.ndarray  # (14, m): a Memory
 
 
 def stuck(memory: Memory) -> np.ndarray:
-    """Return bool (m,): the same bits for far longer than ever before, which noise forbids."""
+    """Return a mask (m,): True if a reading stays exactly equal for far longer than before, as noise would prevent."""
     return (memory.same_s >= FROZEN_S + LONGER * memory.longest_s) & (memory.changes >= ALIVE)

@@ -1,4 +1,4 @@
-"""The numbers of every sensor of a vehicle: what each shows, its bias, its range, and which numbers fail together."""
+"""Properties of each number of each sensor: the measured quantity, bias, range, and the numbers that fail with it."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -13,18 +13,18 @@ from baqueano.symbolic import get, put
 
 
 class Numbers(NamedTuple):
-    """m numbers in the order of a tick."""
+    """Properties of m numbers, in the order of a tick."""
 
     sensors: tuple[str, ...]
     names: tuple[str, ...]  # "imu[2]"
-    pose: np.ndarray  # (m,) bool: it shows the pose, which no model predicts
-    turning: np.ndarray  # (m,) bool: it shows the yaw rate
-    forward: np.ndarray  # (m,) bool: it shows the speed
+    pose: np.ndarray  # (m,) bool: it measures the pose, and is not compared with the model
+    turning: np.ndarray  # (m,) bool: it measures the yaw rate
+    forward: np.ndarray  # (m,) bool: it measures the speed
     inertial: np.ndarray  # (m,) bool: it has a bias that walks
-    groups: tuple[tuple[int, ...], ...]  # of each number those that fail with it, itself first
+    groups: tuple[tuple[int, ...], ...]  # of each number the numbers that fail together with it, itself first
     bias_std: np.ndarray  # (m,) by the file
     walk: np.ndarray  # (m,) of the bias in 1 s
-    rest: np.ndarray  # (m,) what it shows at rest
+    rest: np.ndarray  # (m,) reading at rest
     limit: np.ndarray  # (m,) end of the range
     noise: np.ndarray  # (m,) standard deviation of a reading
 
@@ -38,7 +38,7 @@ def numbers_of(model: AugmentedEkf) -> Numbers:
     at_rest = np.concatenate([slopes(getattr(sensors, name), np.zeros(9)) for name in sensors._fields])
     biases = np.array([_bias(sensors, name, i) for name, i in each])
     inertial = biases[:, 1] >= 0.0
-    # a gyro fails alone; accelerometers, wheels and what else is one sensor fail together
+    # a gyro fails alone; the other numbers of one sensor, as accelerometers or wheels, fail together
     kinds = [(name, k if inertial[k] and at_rest[k, 5] else -1) for k, (name, _) in enumerate(each)]
     groups = tuple(
         (k, *(j for j, kind_j in enumerate(kinds) if kind_j == kind and j != k))
@@ -55,7 +55,7 @@ def numbers_of(model: AugmentedEkf) -> Numbers:
 
 
 def _bias(sensors: SensorBlocks, name: str, number: int) -> tuple[float, float]:
-    """Deviation and walk of the bias that a number shows; (0, −1) without one."""
+    """Return standard deviation and walk of the bias of a number; (0, −1) without a bias."""
     sensor = getattr(sensors, name)
     biases = [bias for bias in uncertain(sensors, name, (number,), np.zeros(3)) if bias.walk]
     slope = [

@@ -7,7 +7,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 
 REFUSED = "refused"  # source of the event
-OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # of the figures of a number
+OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the figures of a number
 
 
 class Refusals(NamedTuple):
@@ -34,7 +34,7 @@ class Refusals(NamedTuple):
 
 
 def counted(counts: Sequence[Refusals]) -> Diagnostic:
-    """Return the message of the event."""
+    """Return the message with the counts."""
     figures: dict[str, Any] = {count.name + OF_REFUSED: count.refused for count in counts}
     figures |= {count.name + OF_ARRIVED: count.arrived for count in counts}
     each = [f"{count.name}: {count.refused}/{count.arrived}" for count in counts]
@@ -47,12 +47,12 @@ def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
     Parameters
     ----------
     events : iterable of Event
-        Of a run.
+        The events of a run.
 
     Returns
     -------
     tuple of Refusals
-        One per number; empty where the estimator does not count.
+        One per number; empty if the estimator does not report weights.
 
     Examples
     --------

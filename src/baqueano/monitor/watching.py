@@ -1,4 +1,4 @@
-"""The monitor beside a drive: ticks and estimates in; events, degraded sensors and counts of refusals out."""
+"""Monitor the sensors during a drive: from ticks and estimates to events, degraded sensors and counts of refusals."""
 
 from typing import NamedTuple
 
@@ -19,15 +19,18 @@ from baqueano.symbolic import compiled
 
 
 class Notice(NamedTuple):
-    """A line of the run."""
+    """A message for the run."""
 
     message: Diagnostic
-    finding: Finding | None = None  # that began or got worse
+    finding: Finding | None = None  # the finding that began or became degraded
 
 
 class Watching:
-    """Watches the sensors of one drive. `model` is an AugmentedEkf that uses no sensor; `estimator` is the one that
-    drives, `tick` and `estimate` an example of what it takes and gives."""
+    """Monitor of the sensors during one drive.
+
+    `model` is an AugmentedEkf without sensors in use. `estimator` is the one that drives; `tick` and `estimate` are
+    examples of its input and its output.
+    """
 
     def __init__(self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate) -> None:
         m = 0 if estimate.innovation is None else len(estimate.innovation)
@@ -42,14 +45,14 @@ class Watching:
     def begin(self, *start: np.ndarray) -> None:
         """Begin at the pose, or pose and velocity, at which the estimator begins."""
         self._state: Tree = self._block.init(*start)
-        self._since_ns: dict[int, int] = {}  # of what disagrees
+        self._since_ns: dict[int, int] = {}  # start of the disagreement of each number
         self._findings: dict[int, Finding] = {}
         self._arrivals, self._refusals = ([0] * self._innovations for _ in range(2))
         self._counts = self._has_failed = False
 
     @property
     def degraded(self) -> tuple[Finding, ...]:
-        """Return the sensors that are degraded now."""
+        """Return the findings of the sensors that are degraded now."""
         return (
             tuple(sensor_finding for sensor_finding in self._findings.values() if sensor_finding.degraded)
             if self._findings
@@ -58,12 +61,12 @@ class Watching:
 
     @property
     def suspect(self) -> bool:
-        """Return whether a sensor disagrees that is not known to be right."""
+        """Return True if a sensor disagrees and the monitor has not decided against the model."""
         return any(sensor_finding.off != MODEL for sensor_finding in self._findings.values())
 
     @property
     def refusals(self) -> tuple[Refusals, ...]:
-        """Return the counts so far; none of an estimator that does not count."""
+        """Return the counts until now; empty for an estimator that does not report weights."""
         if not self._counts:
             return ()
         at = range(len(self._arrivals)) if self._at is None else self._at
@@ -73,7 +76,7 @@ class Watching:
         )
 
     def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
-        """Return what begins, gets worse or ends with this tick."""
+        """Return a notice for each finding that begins, becomes degraded or ends with this tick."""
         if estimate.weight is not None:
             self._counts = True
             for k, weight in enumerate(estimate.weight.tolist()):
@@ -117,7 +120,7 @@ class Watching:
 
 
 def innovations_of(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple[int, ...] | None:
-    """Return the number that each of m innovations is of, by the estimator's `use`; None where that is not known."""
+    """Return the index of the number of each of m innovations, by the estimator's `use`; None if it is not known."""
     names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)
     try:

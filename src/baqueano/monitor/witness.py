@@ -1,16 +1,17 @@
-"""Decide between the sensor and the model. The other numbers are the third witness.
+"""Decide between the sensor and the model, with the other numbers as the third witness.
 
-Number c disagrees with the model. Two hypotheses foretell the others, r ~ N(0, S), S = H P Hᵀ + N, W = S⁻¹, w = W r:
+Number c disagrees with the model. Two hypotheses predict the residuals r ~ N(0, S), S = H P Hᵀ + N, W = S⁻¹, w = W r:
 
-    the sensor is off   the others agree with the model     J_A = rᵀw − w_gᵀ W_gg⁻¹ w_g + |g|             (1)
-    the model is off    so far that it meets c              J_M = rᵀw − bᵀ (1 + Gᵀ W G)⁻¹ b,  b = Gᵀ w     (2)
-    G_c = K P K_cᵀ r_c / (K_c P K_cᵀ),   K = ∂h/∂ν with ν̇ held                                             (3)
+    the sensor is wrong  the others agree with the model     J_A = rᵀw − w_gᵀ W_gg⁻¹ w_g + |g|            (1)
+    the model is wrong   by as much as c shows               J_M = rᵀw − bᵀ (1 + Gᵀ W G)⁻¹ b,  b = Gᵀ w    (2)
+    G_c = K P K_cᵀ r_c / (K_c P K_cᵀ),   K = ∂h/∂ν with constant ν̇                                        (3)
 
-g is c alone, or all that fails with it, whichever tells more: both wheels slip, or one. (1) is the distance of the
-others alone; (2) that with a prior that was widened by G Gᵀ: by how much the velocity is off if the model is. (3) is
-kinematics alone, of a wheel, a gyro, a_y by ν_x ν_ψ: a model that is in doubt tells no acceleration. So an
-accelerometer that disagrees stands alone. The log odds of a reading are half the difference; readings that follow one
-another err alike, and INDEPENDENT_HZ of them count. Where no other number tells, it stays unknown.
+P: covariance of the model, H: Jacobian of h, N: noise, |g|: size of g. g is c alone, or all numbers that fail with it,
+whichever J_A is smaller: one wheel slips, or both. (1) is the distance of the others; (2) has a prior widened by G Gᵀ,
+the error of the velocity if the model is wrong. (3) is kinematics only, of a wheel, a gyro, or a_y by ν_x ν_ψ, because
+a wrong model does not predict an acceleration. So the other numbers do not confirm an accelerometer that disagrees. The
+log odds of a reading are half the difference of J; successive readings have correlated errors, so INDEPENDENT_HZ of
+them count per second. Without evidence of another number the result stays unknown.
 """
 
 import numpy as np
@@ -19,16 +20,16 @@ from baqueano.contracts.blocks import Sensor
 from baqueano.contracts.values import Value
 
 INDEPENDENT_HZ = 5.0
-MOST = 10.0  # that one reading may say
+MOST = 10.0  # largest log odds of one reading
 
 
 def log_odds(
     r: np.ndarray, S: np.ndarray, G: np.ndarray, arrived: np.ndarray, groups: tuple[tuple[int, ...], ...]
 ) -> np.ndarray:
-    """Return per number the log odds (m,) that a second adds: above 0 the sensor is off, below 0 the model.
+    """Return the log odds (m,) that a second adds to each number: above 0 the sensor is wrong, below 0 the model.
 
-    r (m,) are readings less the model's, S (m, m) their covariance, G (m, m) as in (3); `arrived` (m,) is 1 for what
-    may witness.
+    r (m,) are readings minus those of the model, S (m, m) their covariance, G (m, m) that of (3). `arrived` (m,) is 1
+    for a number that may serve as a witness.
     """
     m = len(r)
     pairs = arrived[:, None] * arrived[None, :]
@@ -50,5 +51,5 @@ def log_odds(
 
 
 def _quadratic(A: np.ndarray, b: np.ndarray) -> Value:
-    """bᵀ A⁻¹ b."""
+    """Return bᵀ A⁻¹ b."""
     return b[0] * b[0] / A[0, 0] if len(b) == 1 else np.sum(b * np.linalg.solve(A, b))

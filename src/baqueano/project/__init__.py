@@ -1,3 +1,3 @@
-"""A folder to begin with: a vehicle file, blocks of one's own that run as they are, and a notebook."""
+"""Make a project folder: a vehicle file, own blocks that run without changes, and a notebook."""
 
 from baqueano.project.folder import new

@@ -1,4 +1,4 @@
-"""`new` makes the folder of a project."""
+"""Make the folder of a project with `new`."""
 
 import re
 import zlib
@@ -20,9 +20,9 @@ BLOCKS = ("my_estimator.py", "my_guide.py", "my_controller.py")
 NOTEBOOK = "first_evening.ipynb"
 GUESSED = (
     Path(__file__).parent / "guesses"
-)  # of the vehicles of the garage, what a person would write of them
+)  # for each vehicle of the garage, the values that a user would guess
 TRUTH = "simulated.toml"
-OFF = 0.15  # of each number of the vehicle that a simulation drives
+OFF = 0.15  # standard deviation of ln(true value / guess) in a simulation
 FOUND_BY_A_FIT = ("fitted", "gain", "term")  # roles of parameters
 GUESSES = """{text}
 
@@ -34,15 +34,15 @@ verdict = "GUESS"
 
 
 def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
-    """Make a project folder: a vehicle file, an estimator, a guide and a controller of one's own, and a notebook.
+    """Make a project folder: a vehicle file, own blocks (estimator, guide, controller), and a notebook.
 
     Parameters
     ----------
     folder : path
-        Where to make it; an empty or absent folder.
+        The folder to make: empty or absent.
     vehicle : str or path
-        The vehicle with which it begins: a name of the garage, whose project holds guesses and simulates the one
-        of the garage, or a file. Beside a file of guesses stands the vehicle that its simulation drives.
+        The vehicle with which it begins: a name of the garage, whose project has guesses and simulates the one
+        of the garage, or a file. A file of guesses gets a second file with the vehicle that its simulation drives.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     Raises
     ------
     UsageError
-        Where the folder is not empty.
+        If the folder is not empty.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
 
 
 def with_truth(file: VehicleFile) -> VehicleFile:
-    """Return the file, its simulation that of the vehicle beside it."""
+    """Return the file with the vehicle beside it as the truth of its simulation."""
     text = file.text if "[simulation]" in file.text else f"{file.text}\n[simulation]\n"
     text = re.sub(r"^truth *=.*\n", "", text, flags=re.MULTILINE)
     text = text.replace(
@@ -107,15 +107,16 @@ def others_than(file: VehicleFile) -> VehicleFile:
 
 
 def explained(file: VehicleFile) -> VehicleFile:
-    """Return a file of guesses with its comments, and what it is about, in the current language."""
+    """Return a file of guesses with its comments and its `about` in the current language."""
     text = re.sub(r"# (.*)", lambda comment: f"# {_(comment[1])}", file.text)
     text = re.sub(r'^about = "(.*)"', lambda about: f'about = "{_(about[1])}"', text, flags=re.MULTILINE)
     return parse(text, file.label, file.path, file.layers, file.on_disk)
 
 
 def guess_of(vehicle: str | Path = "small") -> VehicleFile:
-    """The file that a project begins with: of a vehicle of the garage, guesses; of another file its own numbers,
-    marked as guesses unless a fit measured them.
+    """Return the file with which a project begins: guesses for a vehicle of the garage, another file with its numbers.
+
+    The latter are marked as guesses unless a fit measured them.
 
     >>> guess = guess_of("small")
     >>> guess.guessed, guess.truth.path is None, guess.value("model.drivetrain.gain").tolist()

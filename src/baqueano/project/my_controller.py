@@ -20,9 +20,10 @@ from baqueano.signals import Command, Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyController:
-    """Gains, from the table [controller]; full_speed_m_s v_1 and full_turn_rad_s ω_1 at a command of 1.
+    """A controller with gains from the table [controller]. Its speeds at a command of 1 are v_1 and ω_1.
 
-    `baqueano tune` looks for the fields that are parameters, within their bounds.
+    v_1 is full_speed_m_s, ω_1 is full_turn_rad_s. `baqueano tune` searches the fields that are parameters, within their
+    bounds.
     """
 
     k_x: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, default=3.0)
@@ -32,11 +33,11 @@ class MyController:
     full_turn_rad_s: float = 8.0
 
     def init(self) -> None:
-        """It remembers nothing."""
+        """Return the state, which is always None."""
         return None
 
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
-        """The reference's velocity, and a push back onto its pose: u = (u_x, 0, u_psi), each in [-1, 1]."""
+        """Return u = (u_x, 0, u_psi), each in [-1, 1]: the reference's velocity, and a correction towards its pose."""
         e = pose_error(reference.eta, estimate.eta)
         v, w = reference.nu[0], reference.nu[2]
         u_x = v * np.cos(e[2]) / self.full_speed_m_s + self.k_x * e[0]

@@ -15,7 +15,7 @@ from baqueano.signals import Estimate, Tick, seconds
 
 
 class Belief(NamedTuple):
-    """State of the estimator from tick to tick."""
+    """The state of the estimator from tick to tick."""
 
     t_ns: int  # of the last tick; -1 before the first, whose clock may begin anywhere
     eta: np.ndarray  # (3,) pose in the map [m, m, rad]
@@ -26,7 +26,7 @@ class Belief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyEstimator:
-    """vehicle and sensors come from the vehicle file; gyro_trust from its table [estimator], 0 to 1."""
+    """An estimator with vehicle and sensors from the vehicle file; gyro_trust, 0 to 1, is in its table [estimator]."""
 
     vehicle: Any
     sensors: Any
@@ -38,7 +38,7 @@ class MyEstimator:
         return Belief(-1, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """The model's step on the command that reached the motors, its turning drawn towards the gyro's."""
+        """Return the model's step with the command that reached the motors, its turning rate pulled to the gyro's."""
         dt_s = np.where(belief.t_ns < 0, 0.0, seconds(tick.t_ns, belief.t_ns))
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
         eta, nu, _ = self.vehicle.advance(belief.eta, belief.nu, effort, dt_s)

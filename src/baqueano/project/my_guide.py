@@ -20,14 +20,14 @@ from baqueano.signals import Estimate, Reference, seconds
 
 
 class GuideState(NamedTuple):
-    """All that is carried from one tick to the next."""
+    """The state of the guide from one tick to the next."""
 
     start_ns: int  # -1 before the first tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyGuide:
-    """t_s (m,), eta (m, 3), nu (m, 3) and closed come with the route; ease_s from the table [guide]."""
+    """A guide along a route: t_s (m,), eta (m, 3), nu (m, 3) and closed come with it, ease_s from the table [guide]."""
 
     t_s: np.ndarray
     eta: np.ndarray
@@ -37,11 +37,11 @@ class MyGuide:
     ease_s: float = 1.0
 
     def init(self) -> GuideState:
-        """Not begun."""
+        """Return the state before the first tick."""
         return GuideState(-1)
 
     def step(self, state: GuideState, estimate: Estimate) -> tuple[GuideState, Reference]:
-        """The pose and the velocity to be at now; done at the end of the last lap."""
+        """Return the reference pose and velocity of this time; done at the end of the last lap."""
         start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         pace = 1.0 - np.exp(-t / self.ease_s)  # ṡ

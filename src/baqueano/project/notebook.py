@@ -1,4 +1,4 @@
-"""The notebook of a new project: nbformat 4.5, as the Jupyter developers define it."""
+"""Write the notebook of a new project in nbformat 4.5, as the Jupyter developers define it."""
 
 import json
 from itertools import count

@@ -1,4 +1,4 @@
-"""runs and fits → one self-contained HTML page with figures."""
+"""Write runs and fits as one self-contained HTML page with figures."""
 
 from typing import TYPE_CHECKING
 

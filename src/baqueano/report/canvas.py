@@ -1,6 +1,6 @@
-"""Figures of ours: each shows itself in a notebook and is written as SVG, PDF or PNG, at the width of a page of print.
+"""Create figures of this package: shown in a notebook, or written as SVG, PDF or PNG at the width of a printed page.
 
-Imported where a figure is drawn, for it loads matplotlib.
+This module is imported only when a figure is drawn, because it loads matplotlib.
 """
 
 import io
@@ -25,7 +25,7 @@ LONGEST = 28  # letters of a title or a label of a narrow figure
 
 
 class CommaFormatter(ScalarFormatter):
-    """Numbers at an axis with a decimal comma."""
+    """A formatter that writes the numbers at an axis with a decimal comma."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         return super().__call__(x, pos).replace(".", ",")
@@ -36,10 +36,10 @@ class CommaFormatter(ScalarFormatter):
 
 
 class Canvas(Figure):
-    """A figure that needs no window: the last line of a notebook's cell shows it."""
+    """A figure without a window: the last line of a notebook's cell shows it."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        """Write it as its ending or `format` says; letters stay letters."""
+        """Write the figure in the format of the file ending or of `format`; text stays text."""
         salt = rcParams["svg.hashsalt"] or "baqueano"
         with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": salt}):
             super().savefig(fname, **options)
@@ -52,8 +52,10 @@ class Canvas(Figure):
 
 
 def at_width(figure: Figure, width: str | float | None) -> Figure:
-    """Resize a figure to `width`, "column", "page" or millimetres, with letters that can be read there, and return it.
-    UsageError for another width."""
+    """Resize a figure to `width`, "column", "page" or millimetres, with legible text, and return it.
+
+    Raise UsageError for another width.
+    """
     if width is None:
         return figure
     width_in, height_in = figure.get_size_inches()
@@ -66,7 +68,7 @@ def at_width(figure: Figure, width: str | float | None) -> Figure:
 
 
 def width_mm(width: str | float) -> float:
-    """Return a width in millimetres. UsageError for another name, or a number that is out of range."""
+    """Return a width in millimetres. Raise UsageError for an unknown name, or a number that is out of range."""
     if isinstance(width, str):
         if width not in WIDTHS_MM:
             raise UsageError(fault("front.width-unknown", found=width, near=nearest(width, WIDTHS_MM)))
@@ -77,7 +79,7 @@ def width_mm(width: str | float) -> float:
 
 
 def _smaller(figure: Figure) -> None:
-    """Make letters and lines smaller, and break long labels."""
+    """Reduce text and lines, and break long labels."""
     specs = [axes.get_subplotspec() for axes in figure.axes]
     columns = max((spec.get_gridspec().ncols for spec in specs if spec is not None), default=1)
     for text in figure.findobj(Text):

@@ -1,4 +1,4 @@
-"""The card of a result in a notebook: its name and verdict, the rows that matter, and the whole table to unfold."""
+"""Show the card of a result in a notebook: its name and verdict, its main rows, and the whole table to unfold."""
 
 import html
 from dataclasses import dataclass, field
@@ -54,7 +54,7 @@ STYLE = """
 
 @dataclass(frozen=True)
 class Card:
-    """Contents of a card."""
+    """The contents of a card."""
 
     title: str
     verdict: str = ""
@@ -93,7 +93,7 @@ def _table(rows: "Sequence[TableRow]") -> str:
 
 @singledispatch
 def card_of(result: Tabular) -> Card:
-    """Return what stands on the card of a result; of one without such a card, its rows."""
+    """Return the card of a result: by default its type, its verdict, and its rows unless they have too many columns."""
     rows = result.rows()
     table_rows = rows if rows and len(rows[0]) <= COLUMNS else []
     return Card(type(result).__name__, str(getattr(result, "verdict", "")), table_rows)

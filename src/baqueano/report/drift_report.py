@@ -1,4 +1,4 @@
-"""A page about a vehicle that ages: what moved, and each parameter over the runs."""
+"""Write a page about a vehicle that ages: the changed parameters, and each parameter over the runs."""
 
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def page_of_drift(history: "ParameterHistory") -> Page:
-    """The page of `over_time`."""
+    """Return the page about a `ParameterHistory`."""
     sentences = "\n".join(text(change.message) for change in history.moved) or _(
         "No parameter changed beyond its error bars."
     )
@@ -51,7 +51,7 @@ def page_of_drift(history: "ParameterHistory") -> Page:
 
 
 def with_curves(history: "ParameterHistory") -> list[int]:
-    """Return the entries of the parameters that two runs or more show."""
+    """Return the indices of the parameters that at least two runs estimate."""
     return [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
 
 

@@ -1,4 +1,5 @@
-"""Sections of a page on an estimate: its path and corridor, its errors, its innovations, another one beside it."""
+"""Write the sections of a page about an estimate: path and corridor, errors, innovations, comparison with another
+estimate."""
 
 import numpy as np
 
@@ -19,7 +20,7 @@ PLACES = 400  # of the corridor, along a path
 
 
 def beside_each_other(both: Comparison) -> list[Section]:
-    """Return the figures of two estimates of one drive, a column each."""
+    """Return the section that compares two estimates of one drive, a column each."""
     rows = [run.row() for run in both.runs]
     columns = {
         _("estimated position off, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
@@ -36,7 +37,7 @@ def beside_each_other(both: Comparison) -> list[Section]:
 
 
 def sentence_of_path(one: RunComparison, alignment: str) -> str:
-    """Return the words above the drawing of a path: when it diverged, or its corridor, and its alignment."""
+    """Return the text above the drawing of a path: its divergence, or its corridor, and its alignment."""
     sentence = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
     corridor = one.corridor
     if corridor is not None and not sentence:
@@ -55,15 +56,17 @@ def sentence_of_path(one: RunComparison, alignment: str) -> str:
 
 
 def _laps(corridor: Corridor) -> float:
-    """Return the length of a corridor in laps, 0 without one."""
+    """Return the length of a corridor in laps, 0 if the length of a lap is unknown."""
     return (
         float(corridor.t_s[-1]) / corridor.lap_s if np.isfinite(corridor.lap_s) and len(corridor.t_s) else 0.0
     )
 
 
 def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Table | Drawing]:
-    """The drawing of where a run went: reference, truth, estimate with the corridor of its last lap, and the estimate
-    of the run `beside` it, whichever there are."""
+    """Return the drawing of the path of a run: reference, truth, and estimate with the corridor of its last lap.
+
+    The estimate of the run `beside` is drawn too. Data that a run lacks are left out.
+    """
     lines: dict[str, np.ndarray] = {}
     band, end = None, None
     if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:
@@ -99,7 +102,7 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
 
 
 def _aligned_path(run: Run, alignment: str) -> np.ndarray:
-    """The estimated poses (N, 3), laid on the truth where there is one."""
+    """Return the estimated poses (N, 3), aligned with the truth if there is one."""
     assert run.estimate is not None
     if run.truth is None:
         return run.estimate.eta
@@ -107,7 +110,10 @@ def _aligned_path(run: Run, alignment: str) -> np.ndarray:
 
 
 def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Section]:
-    """Errors against the truth with the filter's own ±2σ, where there is truth; those of the run `beside` as a line."""
+    """Return the section of the errors against the truth with the filter's own ±2σ, [] without a truth.
+
+    The errors of the run `beside` are drawn as a line.
+    """
     if run.estimate is None or run.truth is None or len(run.truth.t_ns) < 2:
         return []
     t, off = _off(run, run, alignment)
@@ -132,7 +138,7 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
 
 
 def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s], and x, y, ψ, ν_x of an estimate minus those of the truth (N, 4), the heading wrapped."""
+    """Return times [s], and x, y, ψ, ν_x of an estimate minus those of the truth (N, 4), the heading wrapped."""
     log, truth = run.estimate, truth_of.truth
     assert log is not None
     assert truth is not None
@@ -143,7 +149,7 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
 
 
 def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
-    """Return the sentence on the filter's own covariance, its figures and its innovations, where there are any."""
+    """Return the section on the consistency of the filter: sentence, figures and innovations, [] without data."""
     rows, log = corridor.figures(), run.estimate
     caption = _(
         "1 if the filter is consistent; a correct covariance gives a value between the "

@@ -1,4 +1,4 @@
-"""Figures of a run and of a fit. Each takes arrays and gives a matplotlib figure; nothing is read or kept.
+"""Draw the figures of a run and of a fit: each function takes arrays and returns a matplotlib figure.
 
 Measured is blue, the model green, as in the paper's figures; truth is black, the reference grey.
 """
@@ -25,7 +25,7 @@ ABOVE: "JsonObject" = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols
 
 
 def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most about MOST_POINTS points that keep every peak: the least and the greatest of each span."""
+    """Return at most about MOST_POINTS points that keep every peak: the minimum and the maximum of each span."""
     if len(t) <= MOST_POINTS:
         return t, y
     width = -(-2 * len(t) // MOST_POINTS)
@@ -39,9 +39,11 @@ def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
-    """The rows of the `span_s` seconds, begun at a whole second, in which y (N, m) varies most; of all where it is
-    not longer. Each channel counts about its mean there, in parts of its whole variance; what lies beyond its 1st and
-    99th percentile counts as these, so that a spike does not count as motion.
+    """Return the rows of the `span_s` seconds in which y (N, m) varies most, or of all if the data are not longer.
+
+    The spans begin at whole seconds. Each channel counts by its variance within the span, relative to its variance
+    over the whole time. Values beyond its 1st and 99th percentile are clipped, so that a spike does not count as
+    motion.
     """
     over_s = float(t_s[-1] - t_s[0]) - span_s
     y = y[:, np.isfinite(y).any(axis=0)]
@@ -81,7 +83,7 @@ def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Se
 
 @styled
 def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Figure":
-    """Standardised residuals against the normal density, and their autocorrelation with its 95 % band.
+    """Draw the standardised residuals against the normal density, and their autocorrelation with its 95 % band.
 
     residual (N, m), in standard deviations; NaN is left out; a channel without numbers stays empty.
     """
@@ -105,7 +107,7 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
 
 
 def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
-    """Sample autocorrelation of r (N,) at lags 1 … lags."""
+    """Return the sample autocorrelation of r (N,) at lags 1 … lags."""
     r = r - r.mean()
     power = float(r @ r) or 1.0
     return np.array([float(r[k:] @ r[:-k]) / power for k in range(1, min(lags, len(r) - 1) + 1)])
@@ -126,7 +128,7 @@ def estimates(
     axis.errorbar(centre[finite], rows, xerr=half[finite], fmt="o", ms=4, color=MODEL, capsize=3)
     axis.axvline(0, color=TRUTH, lw=1)
     reach = np.abs(centre[finite]) + half[finite]
-    if np.any(reach > WIDE):  # one that is hardly known would hide how well the others are
+    if np.any(reach > WIDE):  # a very wide interval would hide the widths of the others
         most = 1.05 * max(float(np.max(reach[reach <= WIDE], initial=0.0)), 10.0)
         axis.set_xlim(-most, most)
         for row in rows[reach > most]:
@@ -138,7 +140,7 @@ def estimates(
 
 @styled
 def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
-    """Correlation matrix (n, n) of the estimates."""
+    """Draw the correlation matrix (n, n) of the estimates."""
     n = len(names)
     figure, axis = panel((min(9.2, 0.42 * n + 2.6), min(8.2, 0.38 * n + 1.8)))
     image = axis.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r")
@@ -153,8 +155,10 @@ def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
 def paths(
     lines: dict[str, np.ndarray], band: np.ndarray | None = None, end: np.ndarray | None = None
 ) -> "Figure":
-    """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; `band` (M, 2, 2), its left and its right
-    edge along the path, and `end` (K, 2), a closed curve, are shaded."""
+    """Draw paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m].
+
+    Two areas are shaded: `band` (M, 2, 2), the left and right edge along the path, and `end` (K, 2), a closed curve.
+    """
     style = {
         "reference": {"color": REFERENCE, "lw": 4.5, "solid_capstyle": "round"},
         "estimate": {"color": MODEL, "lw": 1.3},
@@ -176,7 +180,10 @@ def paths(
 
 
 def _band_patch(band: np.ndarray) -> Any:
-    """Return one patch of the triangles between the edges (M, 2, 2), equally oriented: overlaps stay as light."""
+    """Return one patch of the triangles between the edges (M, 2, 2).
+
+    All triangles have the same orientation, so that overlaps do not get darker.
+    """
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
@@ -193,7 +200,7 @@ def _band_patch(band: np.ndarray) -> Any:
 
 
 def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """(73, 2) points of the curve that holds 95 % of a plane normal distribution."""
+    """Return 73 points (73, 2) of the curve that contains 95 % of a plane normal distribution."""
     size, axes = np.linalg.eigh(cov)
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)])
@@ -204,10 +211,10 @@ def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
 def over_time(
     curves: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]], height_in: float = 1.75
 ) -> "Figure":
-    """Curves over time, a panel of `height_in` each: (label of the axis, {name of the curve: (t_s, y)}).
+    """Draw curves over time, a panel of `height_in` each: (label of the axis, {name of the curve: (t_s, y)}).
 
-    A curve that is named "±2σ" is drawn as a band around zero, "limit" as dashed lines at ± its value, and
-    "at its limit" as points.
+    A curve named "±2σ" is drawn as a band around zero, "limit" as dashed lines at ± its value, and "at its limit" as
+    points.
     """
     figure, axes = panels(len(curves), 1, (9.2, height_in * len(curves) + 0.5), sharex=True)
     for axis, (label, lines) in zip(axes[:, 0], curves, strict=True):

@@ -1,4 +1,4 @@
-"""Sections about a fit: the estimates, the agreement of the model with the data, the residuals."""
+"""Write the sections about a fit: the estimates, the agreement of the model with the data, the residuals."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from baqueano.identify.result.ratios import percent
 from baqueano.language import marked as N_
 from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
-from baqueano.messages import ended, texts
+from baqueano.messages import texts, with_full_stop
 from baqueano.printable import typed
 from baqueano.report import figures
 from baqueano.report.of_run import page_of_run
@@ -29,8 +29,8 @@ CHANNELS = {
     "truth": (N_("true v_x [m/s]"), N_("true v_y [m/s]"), N_("true ω_z [rad/s]")),
 }
 DRAWN = 6  # runs of a fit to many
-HEADLINES = 4  # channels: more do not stand in one row
-SHOWN_S = 20.0  # of the data, in the figure: where most moves
+HEADLINES = 4  # channels: more do not fit into one row
+SHOWN_S = 20.0  # of the data, in the figure: the span with most motion
 
 
 def page_of_fit(
@@ -38,8 +38,9 @@ def page_of_fit(
 ) -> Page:
     """Return the page about one fit, also of a refused one, with its raw data.
 
-    `truth` (p,) is drawn beside the estimates. `held_out` is the validation on other runs; `ahead` the forecast of
-    drives."""
+    `truth` (p,) is drawn beside the estimates. `held_out` is the validation on other runs, `ahead` the forecast of
+    drives.
+    """
     return Page(
         title=_("Fit of {name}", name=fit.file.name),
         subtitle=_(
@@ -72,8 +73,10 @@ def page_of_fit(
 
 
 def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
-    """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
-    again what the verdict rests on."""
+    """Return the sections on parameters, data and model, residuals, and correlation.
+
+    `truth` (p,) is drawn beside the estimates. With `reasons`, the reasons of the verdict are listed too.
+    """
     messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
     messages = "\n".join(f"• {message}" for message in texts(by_weight(messages)))
     rows = [row_of(row) for row in fit.rows()]
@@ -102,7 +105,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
 
 
 def row_of(row: "TableRow") -> "JsonObject":
-    """A parameter as a reader needs it: no digits below its error, and what it should not be read without."""
+    """Return a parameter as a table row: no digits below its error, and with its notes."""
     sd = row["sd"]
     value = None if row["estimate"] is None else rounded(row["estimate"], sd)
     return {
@@ -117,11 +120,11 @@ def row_of(row: "TableRow") -> "JsonObject":
 
 def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     """Return the meaning of the verdict for the reader, and the next step."""
-    reasons_ = [ended(reason) for reason in texts(by_weight(fit.reasons))]
+    reasons_ = [with_full_stop(reason) for reason in texts(by_weight(fit.reasons))]
     reasons_ = [f"• {reason}" for reason in reasons_] if len(reasons_) > 1 else reasons_
     if held_out is not None:
         reasons_ += [
-            _("On held-out runs: {sentence}", sentence=ended(held_out.sentence)),
+            _("On held-out runs: {sentence}", sentence=with_full_stop(held_out.sentence)),
             *(f"{message}." for message in texts(held_out.outside)),
         ]
     needs = [message.figures["needs"] for message in fit.unobservable if "needs" in message.figures]
@@ -139,7 +142,7 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
 
 
 def _of_unseen(held_out: "Validation | None") -> list[Section]:
-    """The table and the figures of runs that the fit has not seen."""
+    """Return the section with the table and the figures of runs that the fit has not used."""
     if held_out is None:
         return []
     caption = _("Sensors and model of a held-out run; the model uses its commands only.")
@@ -151,12 +154,12 @@ def _of_unseen(held_out: "Validation | None") -> list[Section]:
 
 
 def _channels_of(channels: Any, run: str) -> list[Any]:
-    """The channels of one run that say how much the model explains."""
+    """Return the channels of one run for which the explained share is known."""
     return [c for c in channels if c.run == run and np.isfinite(c.explained)]
 
 
 def _least(channels: Any) -> dict[str, float]:
-    """Return the share of the worst channel that the model explains, by run, in their order."""
+    """Return for each run, in order, the share that the model explains of its worst channel."""
     least: dict[str, float] = {}
     for c in channels:
         if np.isfinite(c.explained):
@@ -165,26 +168,26 @@ def _least(channels: Any) -> dict[str, float]:
 
 
 def _of_worst(channels: object) -> list[Any]:
-    """The channels of the run of which the model explains least."""
+    """Return the channels of the run that the model explains worst."""
     least = _least(channels)
     return _channels_of(channels, min(least, key=lambda run: least[run])) if least else []
 
 
 def _few(channels: list[Any]) -> list[Any]:
-    """In their order, of many the HEADLINES of which the model explains least."""
+    """Return the HEADLINES channels that the model explains worst, in their order."""
     least = np.argsort([c.explained for c in channels], kind="stable")[:HEADLINES]
     return [channels[k] for k in sorted(least)]
 
 
 def _runs_to_draw(channels: object) -> list[str]:
-    """The runs to be drawn, in their order: of many the DRAWN of which the model explains least."""
+    """Return the runs to draw, in their order: at most DRAWN, those that the model explains worst."""
     least = _least(channels)
     worst = sorted(least, key=lambda run: least[run])[:DRAWN]
     return [run for run in least if run in worst]
 
 
 def _runs(fit: Fit) -> list[Section]:
-    """Of several runs a line each, and which of them the page shows."""
+    """Return the section with a row for each of several runs, and the runs that the page shows."""
     worst = _of_worst(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
@@ -212,7 +215,7 @@ def _runs(fit: Fit) -> list[Section]:
 
 
 def _run_names(runs: Any) -> str:
-    """The runs of a fit, in short."""
+    """Return the names of the runs of a fit, abbreviated if there are many."""
     return (
         ", ".join(runs)
         if len(runs) <= DRAWN
@@ -245,7 +248,7 @@ def _of_run(fit: Fit, run: str) -> Section:
 
 
 def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
-    """Data and model of one run over the SHOWN_S in which most moves, and which they are: "20 s from 14 s"."""
+    """Return data and model of one run over the SHOWN_S with most motion, and the span as text: "20 s from 14 s"."""
     t_s = channels[0].t_s
     measured, predicted = (
         np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
@@ -261,13 +264,13 @@ def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
 
 
 def label(channel: Any) -> str:
-    """ "a_x [m/s²]" for the first channel of an IMU."""
+    """Return the label of a channel, "a_x [m/s²]" for the first channel of an IMU."""
     entries = CHANNELS.get(channel.sensor, ())
     return _(entries[channel.entry]) if channel.entry < len(entries) else f"{channel.sensor}[{channel.entry}]"
 
 
 def short(name: str) -> str:
-    """The end of a dotted path."""
+    """Return a dotted path without the prefix "model."."""
     return name.removeprefix("model.")
 
 
@@ -277,21 +280,21 @@ def report(result: Run | Fit, path: str | Path | None = None, alignment: str = "
     Parameters
     ----------
     result : Run or Fit
-        What the page is about.
+        The subject of the page.
     path : path, optional
-        Where to write it as one self-contained HTML file.
+        File to which the page is written, as self-contained HTML.
     alignment : str
-        As in `compare`.
+        Alignment of the estimate with the truth, as in `compare`.
 
     Returns
     -------
     Page
-        With its tables and drawings.
+        The page with its tables and drawings.
 
     Raises
     ------
     UsageError
-        For another result, or where matplotlib or jinja2 is missing.
+        For another type of result, or if matplotlib or jinja2 is missing.
 
     Examples
     --------

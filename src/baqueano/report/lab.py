@@ -1,4 +1,4 @@
-"""The two libraries of the laptop that a report needs, loaded when one is written."""
+"""Load the two libraries that a report needs, matplotlib and jinja2, when one is written."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -54,7 +54,7 @@ Drawn = TypeVar("Drawn")
 
 @contextmanager
 def onto(target: "Target") -> Iterator[None]:
-    """Draw on the user's axes, figure or part of a figure, in their style; None: on a figure of ours."""
+    """Draw on the user's axes, figure or subfigure, in their style; None: on a new figure of this package."""
     token = _TARGET.set(target)
     try:
         yield
@@ -63,7 +63,7 @@ def onto(target: "Target") -> Iterator[None]:
 
 
 def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
-    """Give what a function draws the style of our figures, unless it draws onto the user's."""
+    """Return `draw` with the style of this package, which does not apply to the user's own figures."""
 
     @wraps(draw)
     def wrapper(*args: P.args, **options: P.kwargs) -> Drawn:
@@ -78,8 +78,10 @@ def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 def panels(
     rows: int, columns: int, size_in: tuple[float, float], sharex: bool = False
 ) -> tuple["Figure", np.ndarray]:
-    """Return a figure of `size_in` and its axes (rows, columns), or those of `onto`. UsageError where matplotlib is
-    missing, or axes are given to a drawing of several panels."""
+    """Return a figure of `size_in` and its axes (rows, columns), or those of `onto`.
+
+    Raise UsageError if matplotlib is missing, or axes are given for a drawing of several panels.
+    """
     matplotlib()
     from matplotlib.axes import Axes
 
@@ -97,7 +99,7 @@ def panels(
 
 
 def _comma(axes: np.ndarray) -> None:
-    """Give the numbers at the axes the decimal comma of the current language."""
+    """Format the numbers at the axes with the decimal comma of the current language."""
     if current() == "en":
         return
     from baqueano.report.canvas import CommaFormatter
@@ -107,13 +109,13 @@ def _comma(axes: np.ndarray) -> None:
 
 
 def panel(size_in: tuple[float, float]) -> tuple["Figure", "Axes"]:
-    """Return a figure with one axes, as `panels`."""
+    """Return a figure with a single axes, as `panels` does."""
     figure, axes = panels(1, 1, size_in)
     return figure, axes[0, 0]
 
 
 def matplotlib() -> ModuleType:
-    """The library that draws.  Raises UsageError, with what to install, where it is missing."""
+    """Return the drawing library. Raise UsageError, with the command to install it, if it is missing."""
     try:
         import matplotlib
     except ImportError as error:
@@ -124,7 +126,7 @@ def matplotlib() -> ModuleType:
 
 
 def jinja2() -> ModuleType:
-    """The template engine.  Raises UsageError, with what to install, where it is missing."""
+    """Return the template engine. Raise UsageError, with the command to install it, if it is missing."""
     try:
         import jinja2
     except ImportError as error:

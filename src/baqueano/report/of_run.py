@@ -1,4 +1,4 @@
-"""The page about one run: where it went, how evenly, how far off it was, whether the filter knew, what was sent."""
+"""Write the page about one run: its path, its speed, its errors, the consistency of the filter, and the commands."""
 
 import tomllib
 from typing import NamedTuple
@@ -39,8 +39,10 @@ VERDICTS = {
 
 
 def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) -> Page:
-    """Return the sections of a run: path, errors, innovations, commands, events.  alignment as in compare; the
-    estimate of the run `beside` it, of another estimator on the same drive, is drawn and judged beside its own."""
+    """Return the page of a run: path, errors, innovations, commands, events. `alignment` is as in `compare`.
+
+    The estimate of the run `beside`, of another estimator on the same drive, is drawn and assessed too.
+    """
     both = compare([run] if beside is None else [run, beside], alignment=alignment)
     run_figures = both.runs[0]
     row, drove = run_figures.row(), both.of_drives
@@ -72,8 +74,10 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
 
 
 def headlines(judged: dict, drove: bool = True) -> list[Headline]:
-    """Return the figures of a comparison that are known, large; those of the vehicle only where it `drove` by the
-    estimate that is judged."""
+    """Return the known figures of a comparison as headlines.
+
+    Those of the vehicle are left out unless it `drove` by the assessed estimate.
+    """
     by, source = ("pace_true", _("true"))
     if not np.isfinite(judged["pace_true_error"]):
         by, source = ("pace_estimate", _("by the estimate"))
@@ -109,7 +113,7 @@ def headlines(judged: dict, drove: bool = True) -> list[Headline]:
 
 
 def refused(counts: tuple[Refusals, ...]) -> list[Section]:
-    """Return how often the estimator refused each number; nothing of one that does not count."""
+    """Return the section with the refused readings of each channel, [] if the estimator does not count them."""
     rows = [
         {"number": count.name, "refused": count.refused, "arrived": count.arrived,
          _("refused [%]"): 100.0 * count.refused / max(count.arrived, 1)}
@@ -122,7 +126,7 @@ def refused(counts: tuple[Refusals, ...]) -> list[Section]:
 
 
 def sensors_of(run: Run) -> Drawing:
-    """Return the readings of the sensors, a panel per number."""
+    """Return the drawing of the readings of the sensors, a panel per channel."""
     panels = []
     for name, channel in run.sensors.items():
         t = seconds(channel.t_ns, run.t_ns[0])
@@ -133,14 +137,14 @@ def sensors_of(run: Run) -> Drawing:
 
 
 def driving(run: Run, judged: dict) -> list[Section]:
-    """The forward speed against its reference, and the commands with their limits."""
+    """Return the sections on the forward speed against its reference, and on the commands with their limits."""
     drawing = speed(run)
     pace_drawings = [] if drawing is None else [Section(_("Speed"), "", [drawing, *_paces(judged)])]
     return [*pace_drawings, commands(run)]
 
 
 def speed(run: Run) -> Drawing | None:
-    """The forward speed against its reference; None of a run that holds none."""
+    """Return the drawing of the forward speed against its reference, or None for a run without speeds."""
     curves = {}
     for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.guide_reference)):
         if log is not None and np.isfinite(log.nu[:, 0]).any():
@@ -153,7 +157,7 @@ def speed(run: Run) -> Drawing | None:
 
 
 def _paces(row: dict) -> list[Table | Drawing]:
-    """Draw the error of the speed against its reference, after the first second."""
+    """Return the table of the speed errors against the reference, after the first second."""
     rows = [
         {
             "speed": source,
@@ -172,16 +176,16 @@ def _paces(row: dict) -> list[Table | Drawing]:
 
 
 class _CommandCurve(NamedTuple):
-    """A command, or a wheel behind the mix."""
+    """A command, or a wheel after the mixing."""
 
     name: str
     curves: dict[str, np.ndarray]  # name → (N,)
-    sent: np.ndarray  # (N,) what is judged
-    limit: float  # inf: none, or not known
+    sent: np.ndarray  # (N,) the assessed signal
+    limit: float  # inf: unlimited, or unknown
 
 
 def commands(run: Run) -> Section:
-    """Draw each command, and each wheel behind the mix, with its limit."""
+    """Return the section with each command, and each wheel after the mixing, with its limit."""
     t = seconds(run.t_ns, run.t_ns[0])
     panels, rows = [], []
     for name, curves, command, limit in _channels(run):
@@ -204,7 +208,7 @@ def commands(run: Run) -> Section:
 
 
 def _channels(run: Run) -> list[_CommandCurve]:
-    """The commands that this vehicle has a use for, then its two wheels."""
+    """Return the commands that this vehicle uses, then its two wheels."""
     limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
     commands_sent = run.applied if run.sent is None else run.sent
     n = commands_sent.shape[1]
@@ -234,7 +238,7 @@ def _channels(run: Run) -> list[_CommandCurve]:
 
 
 def _command_names(run: Run) -> tuple[list[str], str]:
-    """Return the names of the commands by the vehicle file of the run, and their unit in brackets."""
+    """Return the names of the commands from the vehicle file of the run, and their unit in brackets."""
     try:
         command = tomllib.loads(run.vehicle_text)["command"]
         return [str(name) for name in command["names"]], f" [{command['unit']}]" if "unit" in command else ""

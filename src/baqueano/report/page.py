@@ -39,7 +39,7 @@ class Headline:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a result as they are printed. `rows` are flat dicts with the same keys."""
+    """Rows of a result in their printed form. `rows` are flat dicts with the same keys."""
 
     rows: list["TableRow"]
     caption: str = ""
@@ -47,13 +47,13 @@ class Table:
 
     @property
     def headings(self) -> dict[str, str]:
-        """Key → heading of each column."""
+        """Return the heading of each column by its key."""
         return self.columns or {key: _(key.replace("_", " ")) for key in (self.rows[0] if self.rows else {})}
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure with the sentence that says what to see in it."""
+    """A figure with a caption that explains it."""
 
     figure: "Figure"
     caption: str
@@ -61,7 +61,7 @@ class Drawing:
 
     @cached_property
     def svg(self) -> str:
-        """The figure as SVG text that stands inside the page, and again as narrow as a phone."""
+        """Return the figure as SVG text for the page, in full width and again in the width of a phone."""
         svg = _svg(self.figure, "wide", self.caption)
         wide_in, high_in = self.figure.get_size_inches()
         if self.narrow and wide_in > NARROW_IN:
@@ -88,9 +88,9 @@ class Page:
     Attributes
     ----------
     title, subtitle : str
-        Its head.
+        Heading and subheading.
     verdict : str
-        The word in the badge; "" for none.
+        The word in the badge; "" without a badge.
     headlines : list of Headline
         The figures at the top.
     sections : list of Section
@@ -112,7 +112,7 @@ class Page:
     reproduce: str = ""
 
     def html(self) -> str:
-        """The whole page as text.  Raises UsageError where jinja2 is not installed."""
+        """Return the whole page as text. Raise UsageError if jinja2 is not installed."""
         from importlib.resources import files
 
         from baqueano.report.lab import jinja2
@@ -130,7 +130,7 @@ class Page:
 
     @property
     def again(self) -> str:
-        """Return what stands before `reproduce`."""
+        """Return the text before `reproduce`."""
         return _("To get these numbers again:")
 
     def __repr__(self) -> str:
@@ -144,7 +144,7 @@ class Page:
         )
 
     def drawings(self) -> dict[str, Drawing]:
-        """Return the figures by names that a file can have, "01-path", in their order."""
+        """Return the figures by names that are valid file names, "01-path", in their order."""
         all_drawings = [
             (section.title, part)
             for section in self.sections
@@ -160,8 +160,10 @@ class Page:
     def save_figures(
         self, folder: str | Path, file_format: str = "svg", width: str | float | None = None
     ) -> list[Path]:
-        """Write each figure as "01-path.svg" into `folder`, and return the files. `file_format` is svg, pdf or png,
-        `width` "column", "page" or millimetres. UsageError for another of both."""
+        """Write each figure as "01-path.svg" into `folder`, and return the files.
+
+        `file_format` is svg, pdf or png, `width` "column", "page" or millimetres. Raise UsageError for other values.
+        """
         if file_format not in FORMATS:
             raise UsageError(
                 fault("front.format-unknown", found=file_format, near=nearest(file_format, FORMATS))
@@ -177,12 +179,15 @@ class Page:
         return paths
 
     def save(self, path: str | Path) -> Path:
-        """Write the page; a reader never sees half of it."""
+        """Write the page, and return its path.
+
+        The file is replaced at once, so that a reader never gets a partial page.
+        """
         return save_text(path, self.html())
 
 
 def save_text(path: str | Path, text: str) -> Path:
-    """Write a file that appears whole, in place of what had its name, and return its path."""
+    """Write a file that appears complete, replacing an old one of this name, and return its path."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part_file = path.with_name(path.name + ".part")
@@ -192,8 +197,7 @@ def save_text(path: str | Path, text: str) -> Path:
 
 
 def cell(value: object, key: str = "") -> str:
-    """Return a cell of the column `key`: four significant digits, a dash for what is not known, a word of ours in the
-    current language."""
+    """Return a cell of the column `key`: four significant digits, a dash if unknown, words in the current language."""
     if value is None or value != value:
         return "–"
     if isinstance(value, bool):
@@ -204,12 +208,15 @@ def cell(value: object, key: str = "") -> str:
 
 
 def draw(figure: "Figure", caption: str, narrow: bool = True) -> Drawing:
-    """Return the figure as a part of a page; one that cannot be made `narrow` is moved sideways on a phone."""
+    """Return the figure as a part of a page; with `narrow` False it scrolls sideways on a phone."""
     return Drawing(figure, caption, narrow)
 
 
 def _svg(figure: "Figure", shape: str, caption: str) -> str:
-    """Return one <svg>; what it names by id is its own, also where the other shape is hidden."""
+    """Return one <svg> whose ids differ between the wide and the narrow shape.
+
+    Hiding one shape then does not affect the other.
+    """
     import matplotlib as mpl
 
     buffer = io.StringIO()

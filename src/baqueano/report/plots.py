@@ -1,4 +1,4 @@
-"""`result.plot(kind)`: the figures of the reports, one by one, to be styled."""
+"""Draw `result.plot(kind)`: the figures of the reports, one by one, which the user may style."""
 
 from collections.abc import Callable, Sequence
 from functools import partial, singledispatch
@@ -39,13 +39,16 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
     from baqueano.report.lab import Target
 
-Draw = Callable[[], "Figure | None"]  # None: the result does not hold it
+Draw = Callable[[], "Figure | None"]  # None: the result has no data for it
 
 
 def plot(
     result: Tabular, kind: str = "", target: "Target" = None, width: str | float | None = None
 ) -> "Figure":
-    """Draw `kind` of a result, else the first that it holds, onto `target` or a figure of `width`."""
+    """Draw `kind` of a result, or its first available drawing, onto `target` or a figure of `width`.
+
+    Raise UsageError for an unknown kind, or if the result lacks the data.
+    """
     drawings = drawings_of(result)
     name = type(result).__name__.lower()
     if kind and kind not in drawings:
@@ -62,7 +65,7 @@ def plot(
 
 @singledispatch
 def drawings_of(result: Tabular) -> dict[str, Draw]:
-    """Return the drawings of a result by their names, the most telling first."""
+    """Return the drawings of a result by their names, the most informative first."""
     return {}
 
 
@@ -180,7 +183,7 @@ def _of_many(result: Ensemble) -> dict[str, Draw]:
 
 @styled
 def comparison(result: Comparison) -> "Figure":
-    """Draw the errors of each run, and how sure its estimator was: 1 is right, the bar is where a right one lies."""
+    """Draw the errors of each run, and the consistency of its estimator: 1 is ideal, the bar is its expected range."""
     runs = result.runs
     figure, axes = panels(2, 1, (7.2, 0.7 * len(runs) + 2.6))
     upper, lower = axes[:, 0]
@@ -213,7 +216,7 @@ def comparison(result: Comparison) -> "Figure":
 
 @styled
 def search(result: TuneResult) -> "Figure":
-    """Draw the least cost so far along each descent."""
+    """Draw the lowest cost so far along each descent."""
     figure, axes = panel((7.2, 3.6))
     for k, descent in enumerate(result.descents):
         costs = np.minimum.accumulate(descent.costs)
@@ -230,7 +233,7 @@ def search(result: TuneResult) -> "Figure":
 
 @styled
 def cost_around(result: TuneResult) -> "Figure":
-    """Draw the cost around the optimum: one gain at a time is smaller and larger."""
+    """Draw the cost around the optimum, with one gain at a time decreased and increased."""
     figure, axes = panel((7.2, 3.6))
     rows = [np.where(np.isfinite(row), row, np.nan) for row in result.around]
     for gain, row in zip(result.gains, rows, strict=True):
@@ -247,7 +250,7 @@ def cost_around(result: TuneResult) -> "Figure":
 
 @styled
 def corridor(result: CorridorAhead) -> "Figure":
-    """Draw how far beside its path the vehicle may be, over time."""
+    """Draw the half-width of the 95 % corridor across the path over time."""
     figure, axes = panel((7.2, 3.0))
     corridor_ = result.corridor
     axes.fill_between(corridor_.t_s, 0.0, 100.0 * corridor_.across_m, color=MODEL, alpha=0.25, lw=0)
@@ -274,7 +277,7 @@ def way(result: Route) -> "Figure":
 
 @styled
 def drives(result: Forecast) -> "Figure":
-    """Draw how far off the end of each drive would be (standard deviation)."""
+    """Draw the standard deviation of the final position of each drive."""
     figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
     rows = np.arange(len(result.ahead))[::-1]
     axes.barh(
@@ -290,7 +293,7 @@ def drives(result: Forecast) -> "Figure":
 
 @styled
 def cloud(result: Ensemble) -> "Figure":
-    """Draw the ways of all vehicles."""
+    """Draw the paths of all vehicles, at most MOST of them."""
     figure, axes = panel((7.2, 6.2))
     sample = result.eta[:: max(1, len(result.eta) // MOST)]
     axes.plot(sample[:, :, 0].T, sample[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)
@@ -302,4 +305,4 @@ def cloud(result: Ensemble) -> "Figure":
     return figure
 
 
-MOST = 200  # ways that are drawn
+MOST = 200  # paths that are drawn

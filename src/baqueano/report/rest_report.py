@@ -1,4 +1,4 @@
-"""A page about a sensor at rest: the table, and the Allan deviation of each sensor."""
+"""Write a page about a sensor at rest: the table, and the Allan deviation of each sensor."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 
 
 def page_of_rest(rest: Any) -> Page:
-    """The page of `at_rest`."""
+    """Return the page of `at_rest`."""
     sensors = list(dict.fromkeys(c.sensor for c in rest.channels))
     sections = [Section(_("Figures"), "\n".join(texts(rest.doubts)), [Table(rest.rows())])]
     for sensor in sensors:

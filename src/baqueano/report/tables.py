@@ -1,6 +1,6 @@
-"""The table of a result for other programs: CSV, and LaTeX with booktabs.
+"""Write the table of a result for other programs: CSV, and LaTeX with booktabs.
 
-LaTeX needs \\usepackage{booktabs}; numbers stand in math mode with as many digits as their error allows.
+LaTeX needs \\usepackage{booktabs}; numbers are in math mode with as many digits as their error allows.
 """
 
 import csv
@@ -24,7 +24,7 @@ AXIS = ("x", "y", r"\psi")
 
 
 def csv_text(rows: list["TableRow"]) -> str:
-    """Rows as CSV, RFC 4180; what is not known is empty."""
+    """Return rows as CSV, RFC 4180; unknown values are empty."""
     out = io.StringIO()
     writer = csv.DictWriter(out, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
@@ -34,7 +34,7 @@ def csv_text(rows: list["TableRow"]) -> str:
 
 
 def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None) -> str:
-    """The parameters of a fit (`Fit.rows()`) as a LaTeX table, with the letters of its `blocks`."""
+    """Return the parameters of a fit (`Fit.rows()`) as a LaTeX table, with the symbols of its `blocks`."""
     lines = [
         r"\begin{table}",
         r"  \centering",
@@ -53,7 +53,7 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
 
 
 def symbol(path: str, blocks: object = None) -> str:
-    """The letter of a parameter of the `blocks` in math mode, or its name in typewriter."""
+    """Return the symbol of a parameter of the `blocks` in math mode, or its name in typewriter."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
     try:
@@ -71,7 +71,7 @@ def symbol(path: str, blocks: object = None) -> str:
 
 
 def _under(letter: str, index: str) -> str:
-    """The letter with one more index."""
+    """Return the symbol with one more index."""
     return f"${letter[:-1]},{index}}}$" if letter.endswith("}") else f"${letter}_{{{index}}}$"
 
 
@@ -86,14 +86,14 @@ def with_error(value: float, sd: float | None) -> tuple[str, str]:
 
 
 def suffix_of(path: Path) -> str:
-    """ ".csv" or ".tex"; UsageError for another."""
+    """Return ".csv" or ".tex". Raise UsageError for another ending."""
     if path.suffix not in (".csv", ".tex"):
         raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", found=path))
     return path.suffix
 
 
 def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", blocks: object = None) -> Path:
-    """Written as its ending says, .csv or .tex; a reader never sees half of it."""
+    """Write rows as .csv or .tex, by the ending, and return the path; a reader never gets a partial file."""
     path = Path(path)
     text = csv_text(rows) if suffix_of(path) == ".csv" else latex_text(rows, caption, blocks)
     path.parent.mkdir(parents=True, exist_ok=True)

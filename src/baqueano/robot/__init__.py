@@ -1,10 +1,10 @@
-"""The real vehicle: the microcontroller that holds the motors, the gyro, and what runs beside them.
+"""Run the real vehicle: its microcontroller with the motors, its gyro, and the service on its computer.
 
 uno         the microcontroller: frames, their codec, the link, the serial line, its settings, its firmware
 imu         the MPU-6050 and its relatives on the I2C bus
-service     what runs on the vehicle all day
-workshop    what a person does at a vehicle that stands: check it, calibrate it
-setup       how a Raspberry Pi becomes a vehicle
+service     the program that runs on the vehicle all day
+workshop    checks and calibrations by the operator, at a vehicle at rest
+setup       the set-up of a Raspberry Pi as a vehicle
 """
 
 SERVICE = "baqueano.service"

@@ -1,7 +1,7 @@
-"""`--robot emulated`: the real firmware on an emulated Uno, with the drivers of the vehicle, in a simulated body.
+"""Implement `--robot emulated`: the real firmware on an emulated Uno, the drivers of the vehicle, a simulated body.
 
-The emulator is simavr, which is GPL: it is not part of the package and is used from the source tree alone. There
-tests/emulated joins it to the rest.
+The emulator is simavr under the GPL. It is therefore not part of the package and works only from the source tree, where
+tests/emulated connects it to the rest.
 """
 
 import importlib
@@ -27,10 +27,10 @@ TREE = Path(baqueano.__file__).resolve().parents[2]
 def emulated(
     vehicle_file: "VehicleFile", truth: object, seed: int = 0
 ) -> Iterator[Callable[[], "JsonObject"]]:
-    """Return what gives the options `world` and `ticking` of each drive on the emulated vehicle; `truth` is the
-    file of its body.
+    """Return a function that returns the options `world` and `ticking` of each drive on the emulated vehicle.
 
-    UsageError outside a source tree, or where Debian packages are missing: it says which.
+    `truth` is the vehicle file of the simulated body. UsageError outside a source tree, or if Debian packages are
+    missing: it names them.
 
     >>> from baqueano.drive import experiment
     >>> from baqueano.vehicle_file import load

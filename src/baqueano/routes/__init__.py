@@ -1,10 +1,10 @@
-"""Routes, made ready before they are driven: from points, a run or a shape, in a few lines.
+"""Prepare routes before they are driven: from points, a run or a shape, in a few lines.
 
-    route = routes.smooth(route, 0.02)                        # 2 cm rms from what was taught
+    route = routes.smooth(route, 0.02)                        # 2 cm rms from the taught route
     route = routes.fastest(route, robot)                      # as fast as this vehicle can
-    print(routes.examine(route, robot, "2x3"))                # what it asks of vehicle and room
+    print(routes.examine(route, robot, "2x3"))                # its demands on vehicle and room
 
-A route is never changed; each function returns another one. The type itself is `guides.Route`.
+No function changes a route; each returns a new one. The type itself is `guides.Route`.
 """
 
 from baqueano.routes.edit import cut, join, reverse, scale

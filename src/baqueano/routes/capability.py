@@ -1,10 +1,11 @@
-"""The part of its command that a vehicle needs to move in a given way.
+"""The share of its command that a vehicle needs for a given motion.
 
     ε: the model at ν = (v, 0, r) accelerates with (v̇, ṙ)      NEWTON steps from ε = 0                   (1)
     share = max |u_i| / limit_i,   u = drivetrain⁻¹(ε),   of commands and of wheels                      (2)
 
-Above 1 the motors cannot do it. A vehicle that cannot turn at rest, as a car, steers ahead of its path: ṙ is then left
-to the steering. Friction, dead zones, unequal motors and the battery are those of the identified model.
+v is the speed, r the yaw rate, ε the effort, u the command. A share above 1 is beyond the motors. A vehicle that cannot
+turn at rest, as a car, steers ahead of its path; ṙ is then not required. Friction, dead zones, unequal motors and the
+battery are those of the identified model.
 """
 
 from collections.abc import Callable
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 NEWTON = 4
-DAMPING = 1e-9  # where no effort helps, as the steering of a car at rest
+DAMPING = 1e-9  # of the Newton step if an effort has no effect, as the steering of a car at rest
 HALVINGS = 24
-FASTEST_M_S, FASTEST_RAD_S, FASTEST_M_S2 = 100.0, 100.0, 100.0  # of what is looked for
+FASTEST_M_S, FASTEST_RAD_S, FASTEST_M_S2 = 100.0, 100.0, 100.0  # upper ends of the searches
 
 
 class Capability:
-    """A vehicle's command for a motion, compiled; arrays of motions at once."""
+    """The command that a vehicle needs for a motion, compiled, for arrays of motions."""
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self._share = scan(
@@ -34,22 +35,25 @@ class Capability:
         )
 
     def share(self, v: Value, r: Value, v_dot: Value = 0.0, r_dot: Value = 0.0) -> np.ndarray:
-        """Return the part (…,) of the command that each motion needs: v [m/s], r [rad/s], and their rates."""
+        """Return the share (…,) of the command that each motion needs: v [m/s], r [rad/s], and their rates."""
         rows = np.stack(np.broadcast_arrays(v, r, v_dot, r_dot), axis=-1).astype(float)
         _, share = self._share.run(rows.reshape(-1, 4))
         return np.where(np.isfinite(share), share, np.inf).reshape(rows.shape[:-1])
 
     def fastest_turn(self, v: np.ndarray) -> np.ndarray:
-        """Return the largest yaw rate (m,) [rad/s] that it can hold at the speeds `v` (m,)."""
+        """Return the largest yaw rate (m,) [rad/s] that the vehicle can hold at the speeds `v` (m,)."""
         return most(lambda r: self.share(v, r) <= 1.0, np.full(np.shape(v), FASTEST_RAD_S))
 
     def fastest_speed(self, kappa: np.ndarray, high: np.ndarray, share: float = 1.0) -> np.ndarray:
-        """Return the largest speed (m,) [m/s], at most `high`, that it can hold on curvatures (m,) [1/m]."""
+        """Return the largest speed (m,) [m/s], at most `high`, that the vehicle can hold on curvatures (m,) [1/m]."""
         return most(lambda v: self.share(v, kappa * v) <= share, high)
 
 
 def most(holds: Callable[[np.ndarray], np.ndarray], high: np.ndarray) -> np.ndarray:
-    """Return the largest x (m,) from 0 to `high` (m,) for which `holds`, which fails for all larger ones; 0 if none."""
+    """Return the largest x (m,) from 0 to `high` (m,) with `holds(x)` True, by bisection; 0 if it is always False.
+
+    `holds` must be False above a limit and True below.
+    """
     low, top = np.zeros_like(high, dtype=float), np.array(high, dtype=float)
     whole = holds(top)
     for _ in range(HALVINGS):
@@ -60,7 +64,7 @@ def most(holds: Callable[[np.ndarray], np.ndarray], high: np.ndarray) -> np.ndar
 
 
 def _share_of(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray], tuple[float, Value]]:
-    """Return the step that gives the share of one motion (v, r, v̇, ṙ).  (1), (2)"""
+    """Return the step that computes the share of one motion (v, r, v̇, ṙ).  (1), (2)"""
     commands, drivetrain = vehicle.commands, vehicle.drivetrain
     dynamic = optional.is_dynamic(vehicle)
 

@@ -1,7 +1,7 @@
-"""Routes cut, joined, driven in the other direction, scaled.
+"""Cut, join, reverse and scale routes.
 
-the other direction: the vehicle turned round   ψ + π,  (ν_x, −ν_y, −ν_ψ),  from the end to the start      (1)
-backing up the same way                         ψ,      −ν                                            (2)
+the other direction: the vehicle is turned round   ψ + π,  (ν_x, −ν_y, −ν_ψ),  from the end to the start  (1)
+backing up along the same poses                    ψ,      −ν                                             (2)
 """
 
 import numpy as np
@@ -15,24 +15,24 @@ from baqueano.routes.path import CLOSE_M, CLOSE_RAD, NAME, way
 
 
 def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
-    """Return the part of a route between two places along it.
+    """Return the part of a route between two distances along it.
 
     Parameters
     ----------
     route : Route
         The route; it is not changed.
     from_m, to_m : float [m]
-        Way along the route; the end, where `to_m` is not given.
+        Distances along the route; without `to_m`, the part extends to the end.
 
     Returns
     -------
     Route
-        Open, and in the same place of the map.
+        Open, and at the same position in the map.
 
     Raises
     ------
     UsageError
-        Where the two places do not lie on the route in this order.
+        If the two places do not lie on the route in this order.
 
     Examples
     --------
@@ -55,17 +55,17 @@ def join(first: Route, second: Route) -> Route:
     Parameters
     ----------
     first, second : Route
-        Open or closed; the second is laid into the map so that its start lies on the first one's end.
+        Open or closed; the second is moved so that its start lies on the end of the first.
 
     Returns
     -------
     Route
-        Closed where its end comes back to its start within 0.3 m and 45°, and the way is longer than that.
+        Closed if it ends within 0.3 m and 45° of its start, and is longer than 1.2 m.
 
     Raises
     ------
     UsageError
-        Where the first ends forward and the second begins backward, or the reverse.
+        If the first ends forward and the second begins backward, or the reverse.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def reverse(route: Route, backing: bool = False) -> Route:
     Returns
     -------
     Route
-        In the same place of the map, as long and as closed.
+        At the same position in the map, with the same length and duration; closed if `route` is closed.
 
     Notes
     -----
@@ -132,7 +132,7 @@ def scale(route: Route, factor: float) -> Route:
     route : Route
         The route; it is not changed.
     factor : float
-        Lengths of the new route per lengths of the old one, above 0.
+        Ratio between the lengths of the new and the old route, above 0.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def scale(route: Route, factor: float) -> Route:
 
 
 def meets(route: Route) -> bool:
-    """True where the end of a route lies at its start, within CLOSE_M and CLOSE_RAD, after a longer way."""
+    """Return True if the end of a route lies within CLOSE_M and CLOSE_RAD of its start, after a longer way."""
     gap = route.eta[-1] - route.eta[0]
     near = np.hypot(gap[0], gap[1]) <= CLOSE_M and abs(float(wrap(gap[2]))) <= CLOSE_RAD
     return bool(near and way(route.eta[:, :2])[-1] > 4.0 * CLOSE_M)

@@ -1,11 +1,12 @@
-"""A route against its vehicle and its room, before anything moves.
+"""Check a route against its vehicle and its room before the drive.
 
     r_has(v): the largest yaw rate that the identified vehicle holds at the speed v                       (1)
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
 
-An acceleration of the route is judged over SMOOTH_S, as motors do: a corner of a drawn route is a jump of the yaw rate.
-A want of it makes the vehicle late for a moment, and is a warning; a want of speed stays, and is refused.
+u is the command, ν the velocity. An acceleration of the route is averaged over SMOOTH_S, because at a corner of a drawn
+route the yaw rate jumps. Too little acceleration makes the vehicle late for a moment, and gives a warning. Too little
+speed has a lasting effect, and the route is refused.
 """
 
 from dataclasses import dataclass
@@ -28,14 +29,14 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
-SMOOTH_S = 0.3  # over which an acceleration counts
-POSES = 600  # of a route that are judged
-OVER = 1.05  # a need that is larger by less is none
-BRIEF_S = 0.3  # a shorter want of command is made up by the controller
+SMOOTH_S = 0.3  # time over which an acceleration is averaged
+POSES = 600  # number of poses of a route that are judged
+OVER = 1.05  # share of the command up to which a route passes
+BRIEF_S = 0.3  # the controller compensates a shorter lack of command
 
 
 class Walls(Protocol):
-    """A room: `free` (2,) [m] from its middle, and the `start` x, y [m], ψ [rad] in it."""
+    """Protocol of a room: `free` (2,) [m] from its middle, and the `start` x, y [m], ψ [rad] in it."""
 
     @property
     def free(self) -> np.ndarray:
@@ -44,30 +45,30 @@ class Walls(Protocol):
 
     @property
     def start(self) -> tuple[float, float, float]:
-        """Return the pose at the start of the route, from the middle: x, y [m], ψ [rad]."""
+        """Return the pose at the start of the route, relative to the middle: x, y [m], ψ [rad]."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RouteReport(Result):
-    """Figures of a route, and what speaks against driving it.
+    """Figures of a route, and the reasons against driving it.
 
     Attributes
     ----------
     route : Route
         The route.
     length_m, duration_s : float
-        Of one lap.
+        Length and duration of one lap.
     fastest_m_s, fastest_rad_s, sideways_m_s2 : float
         Largest speed, yaw rate, and acceleration to the side.
     radius_m : float [m]
-        Of the tightest curve; 0 where it turns on the spot.
+        Radius of the tightest curve; 0 for a turn on the spot.
     share : float
-        Largest part of the command that it needs; NaN without a vehicle.
+        Largest part of the command that the route needs; NaN without a vehicle.
     free_m : float [m]
-        Least way between the body and a wall; NaN without a room.
+        Least distance between the body and a wall; NaN without a room.
     findings : tuple of Diagnostic
-        Codes, figures and what to type.
+        Codes, figures and commands to type.
 
     Examples
     --------
@@ -90,7 +91,7 @@ class RouteReport(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE, or REFUSED where a finding speaks against driving."""
+        """Return USABLE, or REFUSED if a finding is an error."""
         wrong = any(finding.severity == Severity.ERROR for finding in self.findings)
         return Verdict.REFUSED if wrong else Verdict.USABLE
 
@@ -109,7 +110,7 @@ class RouteReport(Result):
         return [{"poses": len(self.route.t_s), "closed": self.route.closed, **figures}]
 
     def table(self) -> str:
-        """The figures in words, and the findings."""
+        """Return the figures in words, and the findings."""
         lines = [
             _("length {m:.2f} m, {s:.1f} s a lap", m=self.length_m, s=self.duration_s) if self.route.closed
             else _("length {m:.2f} m, {s:.1f} s", m=self.length_m, s=self.duration_s),
@@ -139,15 +140,15 @@ def examine(
     vehicle_file : VehicleFile, optional
         The vehicle that is to drive it.
     room : Room, optional
-        Walls, as `identify.design.room.room_of` makes them; the route begins at the start of the room.
+        Walls, as `identify.design.room.room_of` returns them; the route begins at the start of the room.
     backend : str
         "auto", "c", "python", or "numpy".
 
     Returns
     -------
     RouteReport
-        REFUSED where a number is not finite, a pose jumps or samples are missing. REFUSED as well where the vehicle is
-        too slow, or a wall is in the way.
+        REFUSED if a number is not finite, a pose jumps or samples are missing. Also REFUSED if the vehicle is too slow,
+        or a wall is in the way.
 
     Notes
     -----
@@ -188,7 +189,7 @@ def examine(
 
 
 def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Diagnostic]]:
-    """Return the largest share of the command, and what the vehicle cannot do.  (1), (2)"""
+    """Return the largest share of the command, and a finding if the vehicle cannot follow the route.  (1), (2)"""
     t_s = np.linspace(0.0, route.t_s[-1], min(POSES, max(len(route.t_s), 2)))
     v, r = (_smooth(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
     steady = can.share(v, r)
@@ -217,7 +218,7 @@ def _smooth(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
-    """Return the least share within BRIEF_S of each time: what lasts that long."""
+    """Return the least share in the BRIEF_S after each time: the share that lasts that long."""
     n = max(1, round(BRIEF_S / max(t_s[1] - t_s[0], 1e-9)))
     padded_share = np.pad(share, (0, n - 1), mode="edge")
     return np.min(np.lib.stride_tricks.sliding_window_view(padded_share, n), axis=1)

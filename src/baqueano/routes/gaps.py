@@ -1,11 +1,12 @@
-"""Places of a route between whose poses the path is not known.
+"""Find places of a route where the path between two poses is not known.
 
-    jump    |Δp| > JUMP_M + 2 v Δt                      further than the speed makes                      (1)
+    jump    |Δp| > JUMP_M + 2 v Δt                      farther than the speed v allows                   (1)
     gap     Δt > MANY median(Δt),  |Δp| > MANY median(|Δp|),  |Δp| > LEAST_M      samples are missing     (2)
-    corner  |Δp| |tan(Δψ / 4)| / 2 > OFF_M              the arc between the headings is so far off        (3)
+    corner  |Δp| |tan(Δψ / 4)| / 2 > OFF_M              the arc between the headings deviates too much    (3)
 
-The medians of (2) are of the samples that move, so that neither a stop nor a start from rest counts. A guide goes
-straight from pose to pose: (3) is the height of the arc over its chord |Δp|, by which it then leaves the path.
+Δp, Δψ, Δt: change of position, heading and time between two poses. The medians of (2) are of the samples that move, so
+stops and starts from rest do not count. A guide goes straight from pose to pose: (3) is the height of the arc over its
+chord |Δp|, and so the distance between guide and path.
 """
 
 import numpy as np
@@ -15,14 +16,14 @@ from baqueano.guides.route import Route
 from baqueano.printable import typed
 from baqueano.routes.path import NAME, STEP_M
 
-JUMP_M = 0.1  # between two poses, beyond what the speed makes
+JUMP_M = 0.1  # allowed distance between two poses, in addition to that of the speed
 MANY = 5.0
 LEAST_M = 0.05
 OFF_M = 0.05
 
 
 def unknown_places(route: Route, s: np.ndarray) -> list[Diagnostic]:
-    """Return where a route is not finite, jumps or has a gap; `s` (m,) is its way [m]."""
+    """Return a finding if the route is not finite, jumps or has a gap; `s` (m,) is the distance along it [m]."""
     numbers = np.column_stack([route.t_s, route.eta, route.nu])
     wrong = ~np.isfinite(numbers).all(axis=1)
     if wrong.any():
@@ -44,7 +45,7 @@ def unknown_places(route: Route, s: np.ndarray) -> list[Diagnostic]:
 
 
 def _place(code: str, route: Route, s: np.ndarray, mask: np.ndarray) -> Diagnostic:
-    """Return a finding at the first of the places."""
+    """Return a finding at the first place of the mask."""
     k = int(np.argmax(mask))
     figures = {"count": int(mask.sum()), "at_m": float(s[k]), "at_s": float(route.t_s[k])}
     figures |= {"gap_m": float(s[k + 1] - s[k]), "gap_s": float(route.t_s[k + 1] - route.t_s[k])}

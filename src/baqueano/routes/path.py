@@ -1,9 +1,9 @@
-"""The path of a route: where it goes, without the time in which it is driven.
+"""The path of a route: its positions, without the time in which it is driven.
 
     s_k = Σ |p_j − p_{j−1}|,   κ = dχ/ds,   ψ = χ forward,  χ + π backward                                (1)
 
-χ is the course, the direction of travel. Samples that lie closer than STEP_M belong to a stop, or to a turn on the
-spot, and are left out.
+p is the position, s the distance along the path, κ the curvature, ψ the heading; χ is the course, the direction of
+travel. Samples closer than STEP_M belong to a stop, or to a turn on the spot, and are left out.
 """
 
 from typing import NamedTuple
@@ -15,9 +15,9 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.printable import typed
 
-NAME = "NAME"  # of a route whose name is not known here, in a line to type
-STEP_M = 1e-3  # a shorter way is a stop
-GRID_M = 0.01  # between the points of a path that is made anew
+NAME = "NAME"  # placeholder for the name of a route in a command line
+STEP_M = 1e-3  # a shorter step is a stop
+GRID_M = 0.01  # distance between the points of a new path
 BACK_M_S = 0.02  # speed from which a vehicle drives backward
 CLOSE_M, CLOSE_RAD = 0.3, np.radians(45.0)  # ends that lie closer meet
 
@@ -28,7 +28,7 @@ class RoutePath(NamedTuple):
     Attributes
     ----------
     s : ndarray (m,) [m]
-        Way from the first point, increasing.
+        Distance from the first point, increasing.
     xy : ndarray (m, 2) [m]
         Positions in the map.
     course : ndarray (m,) [rad]
@@ -44,14 +44,14 @@ class RoutePath(NamedTuple):
 
 
 def way(xy: np.ndarray) -> np.ndarray:
-    """Return s (m,) [m] of points (m, 2).  (1)"""
+    """Return the distance s (m,) [m] along points (m, 2).  (1)"""
     return np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
 
 
 def moving(route: Route) -> np.ndarray:
-    """Return the numbers of the samples that lie STEP_M or more from the one before; the last sample stays.
+    """Return the indices of the samples at least STEP_M after the previous one; the last sample stays.
 
-    UsageError where fewer than four are left: the vehicle stood, or turned on the spot.
+    Raise UsageError if fewer than four samples remain: the vehicle was at rest, or turned on the spot.
     """
     s = way(route.eta[:, :2])
     cell = np.floor(s / STEP_M)
@@ -64,7 +64,7 @@ def moving(route: Route) -> np.ndarray:
 
 
 def direction(route: Route) -> float:
-    """Return 1 for a route that is driven forward, −1 backward; UsageError where it does both, with the place."""
+    """Return 1 for a route that is driven forward, −1 backward; raise UsageError with the place if it does both."""
     speed = route.nu[:, 0]
     back, ahead = speed < -BACK_M_S, speed > BACK_M_S
     if np.any(back) and np.any(ahead):
@@ -83,7 +83,7 @@ def direction(route: Route) -> float:
 
 
 def route_along(path: RoutePath, speed: np.ndarray, ahead: float, closed: bool) -> Route:
-    """Return the route that drives a path with the speeds (m,) > 0 [m/s]; `ahead` −1 drives it backward."""
+    """Return the route along a path with the speeds (m,) > 0 [m/s]; `ahead` −1 drives it backward."""
     rate = 0.5 * (speed[1:] + speed[:-1])
     t_s = np.append(0.0, np.cumsum(np.diff(path.s) / rate))
     psi = path.course if ahead > 0.0 else path.course + np.pi
@@ -92,7 +92,7 @@ def route_along(path: RoutePath, speed: np.ndarray, ahead: float, closed: bool) 
 
 
 def path_of(route: Route) -> RoutePath:
-    """Return the path of a route as it was taught, with the curvature that its own headings have.  (1)"""
+    """Return the path of a route as it was taught, with the curvature of its own headings.  (1)"""
     keep = moving(route)
     xy = route.eta[keep, :2]
     s = way(xy)

@@ -1,4 +1,4 @@
-"""A route through points: of a CSV file, of a drawing, of a hand that clicked on a map."""
+"""A route through points: from a CSV file, a drawing, or clicks on a map."""
 
 from collections.abc import Iterator
 
@@ -22,9 +22,9 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     speed_m_s : float
         Speed along the path.
     closed : bool
-        True: from the last point back to the first.
+        True: the route returns from the last point to the first.
     corner_m : float [m]
-        How far before a corner the bend begins; less where points lie close.
+        Distance before a corner at which the bend begins; less if points lie close together.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
 def _round_corners(
     corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float
 ) -> Iterator[np.ndarray]:
-    """Yield the pieces of the line: the ends of the legs, and parabolas between them."""
+    """Yield the segments of the line: the ends of the legs, and parabolas between them."""
     t = np.linspace(0.0, 1.0, 41)[:, None]
     inner = range(1, len(corners) - (0 if closed else 1))
     first, last = corners[0], corners[-1]

@@ -1,11 +1,12 @@
-"""Speed along a path: steady, or as fast as the vehicle can.
+"""Set the speed along a path: steady, or as fast as the vehicle can.
 
     v(s) ≤ v_most(κ):   share(v, κ v, 0, 0) ≤ share,   |κ| v² ≤ a_y,   v ≤ v_limit                        (1)
     d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ share,   forward from the start, backward from the end   (2)
 
-(1) is what the motors hold in a steady curve, (2) what they reach and brake. The speed under both is the fastest of all
-that keep to the limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics Research, 1985; Kunz and
-Stilman, Robotics: Science and Systems, 2012.
+v is the speed, s the distance, κ the curvature, a_y the limit of the sideways acceleration; share(v, r, v̇, ṙ) is that
+of capability.py. (1) limits the speed in a steady curve, (2) the acceleration and the braking. The speed within both is
+the fastest profile within the limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics Research,
+1985; Kunz and Stilman, Robotics: Science and Systems, 2012.
 """
 
 from typing import TYPE_CHECKING
@@ -23,10 +24,10 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 SHARE = 0.8  # of the command; the rest is for the controller
-SIDEWAYS_M_S2 = 3.0  # half of what rubber holds on a smooth floor, 0.6 g
-SPEEDS = 24  # at which (2) is looked at
-SLOWEST_M_S = 0.02  # of a start from rest, so that the time is finite
-TURNS = 3  # round a closed route, until its speed closes too
+SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g
+SPEEDS = 24  # number of speeds at which (2) is evaluated
+SLOWEST_M_S = 0.02  # speed of a start from rest, so that the time is finite
+TURNS = 3  # laps of a closed route, until the speeds of its start and its end agree
 
 
 def at_speed(route: Route, speed_m_s: float) -> Route:
@@ -79,13 +80,13 @@ def fastest(
     vehicle_file : VehicleFile
         The identified vehicle: its model and the limits of its command.
     share : float
-        Part of the command that the route may need, above 0 to 1; the rest is left to the controller.
+        Part of the command that the route may need, above 0, at most 1; the controller keeps the rest.
     sideways_m_s2 : float [m/s²]
         Largest acceleration to the side; tyres and small objects slip beyond.
     speed_m_s : float
         Largest speed.
     from_rest : bool, optional
-        True: it begins and ends at rest. By default, an open route does, a closed one is driven lap after lap.
+        True: it begins and ends at rest. By default an open route does; a closed one repeats without a stop.
     backend : str
         "auto", "c", "python", or "numpy".
 
@@ -131,7 +132,7 @@ def fastest(
 
 
 def _even(path: RoutePath) -> RoutePath:
-    """Return the path with a point each GRID_M; its curvature is the mean over as much."""
+    """Return the path with a point each GRID_M; its curvature is the mean over that distance."""
     s = np.linspace(0.0, path.s[-1], max(8, round(path.s[-1] / GRID_M) + 1))
     xy = np.column_stack([np.interp(s, path.s, column) for column in path.xy.T])
     course = np.interp(s, path.s, path.course)
@@ -141,7 +142,7 @@ def _even(path: RoutePath) -> RoutePath:
 def _rates(
     can: Capability, path: RoutePath, ahead: float, sign: float, v_most: np.ndarray, share: float
 ) -> np.ndarray:
-    """Return the largest |v̇| (m, SPEEDS) in the direction `sign` at parts of v_most.  (2)"""
+    """Return the largest |v̇| (m, SPEEDS) in the direction `sign` at fractions of v_most.  (2)"""
     v = v_most[:, None] * np.linspace(0.0, 1.0, SPEEDS)
     kappa, slope = ahead * path.kappa[:, None], ahead * np.gradient(path.kappa, path.s)[:, None]
 
@@ -156,7 +157,7 @@ def _rates(
 
 
 def _swept(path: RoutePath, v_most: np.ndarray, up: np.ndarray, down: np.ndarray, stops: bool) -> np.ndarray:
-    """Return the speed (m,) under (1), reached and braked by (2)."""
+    """Return the speed (m,) within (1) that the vehicle can reach and brake by (2)."""
     v, ds, parts = v_most.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEEDS)
     if stops:
         v[[0, -1]] = SLOWEST_M_S

@@ -1,12 +1,13 @@
-"""A driven path made smooth: what is shorter than a wavelength leaves it, as far as a tolerance allows.
+"""Smooth a driven path: remove the waves below a length, within a tolerance.
 
     p(s) = Σ p̂_k e^{iω_k s}   of a closed path; an open one is continued by reflection at its ends         (1)
-    p̂_k ← p̂_k / (1 + (ω_k/ω_c)⁶)      the least of  ∫ |p − p_taught|² + ω_c⁻⁶ |p‴|² ds                    (2)
+    p̂_k ← p̂_k / (1 + (ω_k/ω_c)⁶)      the minimum of  ∫ |p − p_taught|² + ω_c⁻⁶ |p‴|² ds                  (2)
     κ = (p′_x p″_y − p′_y p″_x) / |p′|³                                                                  (3)
 
-ω_c is the smallest that keeps to the tolerance, from WAVE_M down: curves that are longer stay where they are, and a
-drawn shape is hardly changed. Stops, and turns on the spot, are left out. (2) is the smoothing spline of Schoenberg,
-Proceedings of the National Academy of Sciences, 1964, on even points.
+p is the position, s the distance along the path, p̂_k and ω_k amplitude and frequency of a wave, κ the curvature. The
+cut ω_c is the smallest one within the tolerance, at least 2π/WAVE_M: longer curves keep their position, and a drawn
+shape hardly changes. Stops, and turns on the spot, are left out. (2) is the smoothing spline of Schoenberg, Proceedings
+of the National Academy of Sciences, 1964, on evenly spaced points.
 """
 
 from typing import Literal, NamedTuple
@@ -19,20 +20,20 @@ from baqueano.guides.route import Route
 from baqueano.routes.edit import meets
 from baqueano.routes.path import GRID_M, RoutePath, direction, moving, route_along, way
 
-LEAST_M, LARGEST_M = 1e-4, 0.5  # of a tolerance
-WAVE_M = 0.8  # the longest wave that is taken out
-SLOWEST = 0.2  # of the median speed: what is left of a stop
+LEAST_M, LARGEST_M = 1e-4, 0.5  # range of a tolerance
+WAVE_M = 0.8  # the longest wave that is removed
+SLOWEST = 0.2  # of the median speed: the least speed, in place of a stop
 HALVINGS = 30
 
 
 class Spectrum(NamedTuple):
-    """A path as waves along its way."""
+    """A path as waves along its length."""
 
-    p: np.ndarray  # (n,) positions x + iy [m] at even places, the straight part taken out
-    straight: np.ndarray  # (n,) that part
+    p: np.ndarray  # (n,) positions x + iy [m] at even distances, minus the straight part
+    straight: np.ndarray  # (n,) the straight line from the first to the last point
     omega: np.ndarray  # (n,) [rad/m]
     hat: np.ndarray  # (n,) of p
-    points: int  # of the path itself; the rest is its reflection
+    points: int  # number of points of the path itself; the others are its reflection
     slope: complex  # of the straight part
 
 
@@ -44,14 +45,14 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     route : Route
         Driven forward, or backward, throughout; it is not changed.
     tolerance_m : float [m]
-        How far the new path may lie from the old one.
+        Largest allowed distance between the new path and the old one.
     kind : {"rms", "max"}
-        Whether the tolerance is the root of the mean square, or the largest distance.
+        The tolerance limits the root of the mean square, or the largest distance.
 
     Returns
     -------
     Route
-        A pose each centimetre; closed where the ends meet. The speed is the taught one, without its stops.
+        A pose each centimetre; closed if the ends meet. The speed is the taught one, without its stops.
 
     Raises
     ------
@@ -82,7 +83,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
 
 
 def _spectrum(xy: np.ndarray, s: np.ndarray, closed: bool) -> Spectrum:
-    """Return the waves of points (m, 2) at the places s (m,).  (1)"""
+    """Return the waves of points (m, 2) at the distances s (m,).  (1)"""
     n = max(8, round(s[-1] / GRID_M) + 1)
     grid = np.linspace(0.0, s[-1], n)
     p = np.interp(grid, s, xy[:, 0]) + 1j * np.interp(grid, s, xy[:, 1])
@@ -95,7 +96,7 @@ def _spectrum(xy: np.ndarray, s: np.ndarray, closed: bool) -> Spectrum:
 
 
 def _cut(waves: Spectrum, tolerance_m: float, kind: str) -> float:
-    """Return ω_c [rad/m], the smallest that keeps to the tolerance."""
+    """Return ω_c [rad/m], the smallest cut within the tolerance."""
     low, high = 2.0 * np.pi / WAVE_M, np.pi / GRID_M
     if _off(waves, low, kind) <= tolerance_m:
         return low
@@ -106,21 +107,21 @@ def _cut(waves: Spectrum, tolerance_m: float, kind: str) -> float:
 
 
 def _low_pass(waves: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
-    """Return the path without waves above a cut, or its derivative of an order, over the points.  (2)"""
+    """Return the path without waves above a cut, or its derivative of the given `order`, at the points.  (2)"""
     gain = (1j * waves.omega) ** order / (1.0 + (waves.omega / cut_rad_m) ** 6)
     p = np.fft.ifft(gain * waves.hat)
     return np.append(p, p[0])[: waves.points] if len(p) < waves.points else p[: waves.points]
 
 
 def _off(waves: Spectrum, cut_rad_m: float, kind: str) -> float:
-    """Return how far the smooth path lies from the points, rms or at most [m]."""
+    """Return the distance of the smooth path from the points, rms or at most [m]."""
     taught_points = np.append(waves.p, waves.p[0])[: waves.points]
     off = np.abs(_low_pass(waves, cut_rad_m) - taught_points)
     return float(np.max(off) if kind == "max" else np.sqrt(np.mean(off**2)))
 
 
 def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> RoutePath:
-    """Return the smooth path, a point each GRID_M.  (3)"""
+    """Return the smooth path, one point each GRID_M.  (3)"""
     p = _low_pass(waves, cut_rad_m) + waves.straight
     p1, p2 = _low_pass(waves, cut_rad_m, 1) + waves.slope, _low_pass(waves, cut_rad_m, 2)
     kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3

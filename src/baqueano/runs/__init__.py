@@ -1,10 +1,10 @@
 """A run on disk: write, read, recover, cut, list, import, export.
 
-What records a drive is imported here, the rest when it is asked for.
+The code that records a drive is imported here; the rest is imported when it is first used.
 
-run            the run in memory;  folder, show, export, recover, route_file: what one does with it
+run            the run in memory;  folder, show, export, recover, route_file: operations on it
 container/     its MCAP file
-importing/     recordings of other people, by a map of maps/, from tables/, checked by diagnostics/
+importing/     recordings of other tools, by a map of maps/, from tables/, checked by diagnostics/
 """
 
 from typing import TYPE_CHECKING

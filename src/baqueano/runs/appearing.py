@@ -1,4 +1,4 @@
-"""A file that appears whole, over no other: another one, and a link of that name, stay as they are."""
+"""Write a file that appears complete or not at all, and never replaces an existing file or link."""
 
 import os
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from baqueano.errors import FileError
 
 @contextmanager
 def appearing(path: Path) -> Iterator[BinaryIO]:
-    """Gives what is to be written, under a name of its own until it is whole. FileError where `path` is taken."""
+    """Yield a stream to a temporary file that gets the name `path` when it is complete. FileError if `path` exists."""
     part = path.with_name(f".{uuid4().hex}.part")
     _free(path)
     try:
@@ -25,7 +25,7 @@ def appearing(path: Path) -> Iterator[BinaryIO]:
 
 
 def _give_name(part: Path, path: Path) -> None:
-    """A link of its name, which as no rename fails where anything is; a file system without links has the rename."""
+    """Give the file its name by a link, which fails if `path` exists; by a rename on a file system without links."""
     try:
         os.link(part, path)
     except FileExistsError:

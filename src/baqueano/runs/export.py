@@ -1,8 +1,8 @@
-"""A run as CSV (everything, one row per tick) or TUM trajectories (t x y z qx qy qz qw).
+"""Export a run as CSV (all signals, one row per tick) or as TUM trajectories (t x y z qx qy qz qw).
 
-CSV: times in seconds since the first tick, SI, a decimal point and commas, every double with all its digits;
-a cell is empty where nothing was measured at that tick or nothing is known. A spreadsheet that wants
-semicolons and decimal commas gets them with `decimal=","`.
+CSV: times in seconds since the first tick, SI, a decimal point and commas, every double with all its digits. A cell is
+empty if nothing was measured at that tick, or the value is not known. `decimal=","` writes semicolons and decimal
+commas for a spreadsheet that requires them.
 """
 
 import csv
@@ -23,7 +23,7 @@ PATHS = ("estimate", "reference", "truth")
 
 
 def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
-    """Write a run as one table; a value on other times than the ticks stands at the tick that follows it.
+    """Write a run as one table; a value measured between two ticks is in the row of the next tick.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     UsageError
         For another decimal mark.
     FileError
-        Where the file exists.
+        If the file exists.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(N, m): at each tick the newest row since the tick before, NaN without one."""
+    """Return (N, m): at each tick the newest row since the previous tick, or NaN without one."""
     newest = np.searchsorted(times, t_ns, side="right") - 1
     fresh = np.diff(newest, prepend=-1) > 0
     rows = np.full((len(t_ns), values.shape[1]), np.nan)
@@ -110,7 +110,7 @@ def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndar
 
 
 def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
-    """Write a trajectory for evo and others: time [s], x and y [m], heading as a quaternion.
+    """Write a trajectory for evo and similar tools: time [s], x and y [m], heading as a quaternion.
 
     Parameters
     ----------
@@ -129,9 +129,9 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     Raises
     ------
     UsageError
-        Where the run lacks this trajectory.
+        If the run does not have this trajectory.
     FileError
-        Where the file exists.
+        If the file exists.
 
     Examples
     --------

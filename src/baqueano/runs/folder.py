@@ -1,7 +1,7 @@
 """The folder of runs: numbered files, newest last.
 
-`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: a number never comes twice, also when two programs
-ask at once.
+`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: a number never occurs twice, even if two programs request one
+at the same time.
 """
 
 import os
@@ -24,10 +24,12 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
-RECOVERED = "-recovered"  # behind the name of what `runs recover` saved of a run
+RECOVERED = "-recovered"  # suffix of the name of a run that `runs recover` saved
 NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
 LONGEST = 120  # letters of a name
-DEVICES = re.compile(r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE)  # Windows' own
+DEVICES = re.compile(
+    r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE
+)  # reserved by Windows
 SPAN = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
@@ -44,8 +46,8 @@ class ListedRun(NamedTuple):
 
 
 def new_path(folder: Path | str, label: str) -> Path:
-    """`folder/NNNN-label.mcap` with the next free number; the folder is made when it is not there, FileError where it
-    cannot be."""
+    """Return `folder/NNNN-label.mcap` with the next free number. The folder is created if it does not exist;
+    FileError if that fails."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -58,13 +60,13 @@ def new_path(folder: Path | str, label: str) -> Path:
 
 
 def plain_label(label: str) -> str:
-    """Return what of a label can stand in the name of a file."""
+    """Return a label without the characters that a file name may not contain."""
     plain = unicodedata.normalize("NFC", label).strip().replace(" ", "-")
     return re.sub(r'[<>:"/\\|?*]', "", "".join(filter(str.isprintable, plain))).strip(".")[:60] or "run"
 
 
 def is_name(name: object) -> TypeGuard[str]:
-    r"""Return whether a file of this name, which somebody else says, can be a run in any folder of any system.
+    r"""Return True if a file name from an external source is valid for a run in any folder of any system.
 
     >>> [is_name(name) for name in ("20260314-101500-repeat.mcap", "../x.mcap", "C:x.mcap", "nul.mcap", ".mcap")]
     [True, False, False, False, False]
@@ -75,7 +77,7 @@ def is_name(name: object) -> TypeGuard[str]:
 
 
 def number_of(path: Path) -> int | None:
-    """The number of a run by its file name."""
+    """Return the number of a run by its file name, or None without one."""
     match = NUMBERED.fullmatch(path.name.removesuffix(".part"))
     return int(match[1]) if match else None
 
@@ -85,7 +87,7 @@ def _by_number(path: Path) -> tuple[int, str]:
 
 
 def find(name: str, folder: Path | str = "runs") -> Path:
-    """A run by its path, its number (`3`, `0003`), its name, or `last`. FileError for a name of none, or of several."""
+    """Find a run by its path, number (`3`, `0003`), name, or `last`. FileError if no run matches, or several do."""
     path, folder = Path(name), Path(folder)
     if path.suffix or path.exists():
         return path
@@ -105,19 +107,19 @@ def find(name: str, folder: Path | str = "runs") -> Path:
 
 
 def _list_of(folder: Path | str) -> str:
-    """Return what lists the runs of a folder."""
+    """Return the command line that lists the runs of a folder."""
     return typed("runs", "ls", *([] if Path(folder) == Path("runs") else ["--runs", folder]))
 
 
 def _standing(runs: list[Path]) -> list[Path]:
-    """Without those that stand beside what was recovered of them."""
+    """Return the runs without those that have a recovered version next to them."""
     names = {run.stem for run in runs}
     return [run for run in runs if run.stem + RECOVERED not in names]
 
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
-    """The runs that a name stands for: `find`'s one, all of a folder by its path, all that match a name with *. `3-28`
-    counts by number, and `3-28:2` takes every second of those. Of a run that was recovered the recovered one counts."""
+    """Return the runs that a name refers to: the one of `find`, all of a folder by its path, or all that match a name
+    with *. `3-28` selects by number, and `3-28:2` every second of those. A recovered run replaces its original."""
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():
         runs = sorted(path.glob("*.mcap"))
@@ -138,8 +140,8 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
 
 
 def listing(folder: Path | str = "runs") -> list[ListedRun]:
-    """Return all runs of a folder, by number and name, with the fault of each file that is not a run. FileError where
-    the folder does not exist."""
+    """Return all runs of a folder, by number and name, with the fault of each file that is not a run. Raise
+    FileError if the folder does not exist."""
     folder = Path(folder)
     if not folder.is_dir():
         raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
@@ -169,13 +171,13 @@ def _entry_of(path: Path) -> ListedRun:
 
 
 def vehicle_name(vehicle_text: str) -> str:
-    """The name that a vehicle file gives itself."""
+    """Return the name in the text of a vehicle file, or "" without one."""
     match = re.search(r'^name\s*=\s*(?:"([^"]*)"|\'([^\']*)\')', vehicle_text, re.MULTILINE)
     return (match[1] or match[2] or "") if match else ""
 
 
 def listing_table(rows: list[ListedRun]) -> str:
-    """Return the table of runs, a line each."""
+    """Return the table of runs, one line per run."""
     head = tuple(map(_, ("run", "kind", "duration", "vehicle", "verdict", "notes")))
     lines = [head] + [
         (
@@ -194,12 +196,12 @@ def listing_table(rows: list[ListedRun]) -> str:
 
 
 def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:
-    """The same as flat dicts, for --json; not known is None."""
+    """Return the list as flat dicts for --json; an unknown value is None."""
     return [{key: value if value != "" else None for key, value in row._asdict().items()} for row in rows]
 
 
 def claim(folder: Path | str, label: str) -> Path:
-    """Like `new_path`, and taken: no other program gets the same number, even before a run is written."""
+    """Return a path like `new_path` and reserve it: no other program gets the number, even before a run is written."""
     while True:
         path = new_path(folder, label)
         part_path = path.with_name(path.name + ".part")
@@ -211,7 +213,7 @@ def claim(folder: Path | str, label: str) -> Path:
 
 
 def release(path: Path) -> None:
-    """Free the number that `claim` took; a written run keeps its number by its own name."""
+    """Free the number that `claim` reserved; a written run keeps its number by its own name."""
     part_path = path.with_name(path.name + ".part")
     with suppress(OSError):
         if part_path.stat().st_size == 0:

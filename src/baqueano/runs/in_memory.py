@@ -1,4 +1,4 @@
-"""Recorders of a drive: a RunWriter writes it to a file, `InMemory` keeps it."""
+"""Recorders of a drive: a RunWriter writes it to a file, `RunInMemory` stores it in memory."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -17,7 +17,7 @@ class RunSink(Protocol):
 
     @property
     def failure(self) -> OSError | None:
-        """Why nothing is written any more."""
+        """Return the error that stopped the writing, or None."""
         ...
 
     def record(self, record: Record) -> None:
@@ -25,21 +25,21 @@ class RunSink(Protocol):
         ...
 
     def truth(self, t_ns: int, motion: Motion) -> None:
-        """Record the true pose and velocity."""
+        """Record the true pose, velocity and acceleration."""
         ...
 
     def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
-        """A measurement (m,) of what no sensor of the vehicle holds."""
+        """Record a measurement (m,) that belongs to none of the vehicle's sensors."""
         ...
 
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
-        """A line for the reader."""
+        """Record an event: a line of text for the user."""
         ...
 
 
 @dataclass
 class RunInMemory:
-    """A recorder with the methods of RunWriter that keeps all in memory."""
+    """A recorder with the methods of RunWriter that stores everything in memory."""
 
     vehicle_text: str
     metadata: dict[str, str]
@@ -47,27 +47,27 @@ class RunInMemory:
     truths: list[tuple[int, Motion]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     channels: dict[str, list[tuple[int, np.ndarray]]] = field(default_factory=dict)
-    failure: OSError | None = None  # memory takes everything
+    failure: OSError | None = None  # always None: memory does not fail
 
     def record(self, record: Record) -> None:
         """Record a tick."""
         self.records.append(record)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
-        """Record the true pose and velocity."""
+        """Record the true pose, velocity and acceleration."""
         self.truths.append((t_ns, motion))
 
     def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
-        """Record a channel of no sensor of the vehicle."""
+        """Record a channel that belongs to none of the vehicle's sensors."""
         self.channels.setdefault(name, []).append((t_ns, z))
 
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
-        """A line for the reader."""
+        """Record an event: a line of text for the user."""
         data = message if isinstance(message, Diagnostic) else None
         self.events.append(Event(t_ns, level, source, in_english(message), data))
 
     def run(self, name: str) -> Run:
-        """All of it as a run."""
+        """Return the recorded data as a run."""
         r = self.records
         t_ns = np.array([x.tick.t_ns for x in r], dtype=np.int64)
         return Run(

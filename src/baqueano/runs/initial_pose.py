@@ -1,13 +1,13 @@
-"""The initial pose of a replay, as the run gives it.
+"""Find the initial pose of a replay from the run.
 
-A run of ours tells its start. In somebody else's recording it is read off the truth: the pose between two of
-its samples, and, where the truth lacks velocities (a camera),
+A run of baqueano contains its start. In an external recording it is interpolated from the truth. If the truth is
+without velocities (a camera), they are
 
     ν = J(ψ)ᵀ (η(t₀ + T) − η(t₀)) / T,   ψ in the middle                                                  (1)
-    ν = 0  where  |ν_i(t₀)| < 0.1 max |ν_i| until t₀ + T  on every axis that moves                         (2)
+    ν = 0  if  |ν_i(t₀)| < 0.1 max |ν_i| until t₀ + T  on every axis that moves                            (2)
 
-A motion that begins with the first command is a start from rest (2): estimators take whoever moves for one whose motors
-have had that command for long.
+A motion that begins with the first command is a start from rest (2): for a moving vehicle, an estimator assumes that
+its motors have had the command for a long time.
 """
 
 import numpy as np
@@ -16,13 +16,13 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.runs.run import Run, TruthLog
 from baqueano.signals import NANOSECONDS
 
-SPAN_S = 0.2  # T: a camera that is off by 1 mm tells the speed to 1 cm/s
-STARTING = 0.1  # of its speed after T: a vehicle that has less has just been started
-FAR_S = 0.5  # a truth that begins later does not tell the start
+SPAN_S = 0.2  # T: a camera error of 1 mm gives a speed error of 1 cm/s
+STARTING = 0.1  # of its speed after T: a slower vehicle has just started
+FAR_S = 0.5  # a truth that begins later does not contain the start
 
 
 def initial_pose(run: Run) -> np.ndarray:
-    """(3,) pose, or (6,) pose and velocity, at the first tick; zeros where the run does not tell it."""
+    """Return the pose (3,), or pose and velocity (6,), at the first tick; zeros if the run does not contain them."""
     if "start" in run.metadata:
         return np.array([float(x) for x in run.metadata["start"].split()])
     truth = None if run.truth is None else _with_pose(run.truth)
@@ -45,13 +45,13 @@ def initial_pose(run: Run) -> np.ndarray:
 
 
 def _with_pose(truth: TruthLog) -> TruthLog:
-    """Return the truth without the rows that lack a pose."""
+    """Return the truth without the rows that do not have a pose."""
     keep = np.isfinite(truth.eta).all(axis=1)
     return TruthLog(*(column[keep] for column in truth))
 
 
 def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
-    """η (3,) at one time, between two samples."""
+    """Return η (3,) at one time, interpolated between two samples."""
     smooth = truth.eta.copy()
     smooth[:, 2] = np.unwrap(smooth[:, 2])
     x, y, psi = _at(t_ns, truth.t_ns, smooth)
@@ -59,6 +59,6 @@ def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
 
 
 def _at(t_ns: int, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows (K, 3) at one time, (3,)."""
+    """Return rows (K, 3) interpolated at one time, (3,)."""
     since = of_ns - of_ns[0]  # small enough for a float to hold it exactly
     return np.array([np.interp(t_ns - of_ns[0], since, column) for column in rows.T])

@@ -1,6 +1,6 @@
-"""Read a log between its samples; a gap reads NaN.
+"""Interpolate a log between its samples; a gap gives NaN.
 
-Speed is ν_x. Of a truth without velocities it is the slope of a parabola through its positions within ± HALF_S,
+Speed is ν_x. For a truth without velocities it is the slope of a parabola through its positions within ± HALF_S,
 along the heading.
 """
 
@@ -10,15 +10,15 @@ from baqueano.geometry import wrap
 from baqueano.runs.run import TruthLog
 from baqueano.signals import NANOSECONDS, seconds
 
-LONGEST_GAP_S = 0.5  # that is read across
+LONGEST_GAP_S = 0.5  # longest gap that is interpolated
 HALF_S = 0.15  # of the parabola
 
 
 def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """`rows` (K, m), known at `of_ns` (K,), read between its samples at `t_ns` (N,): (N, m).
+    """Return `rows` (K, m), sampled at `of_ns` (K,), interpolated at `t_ns` (N,): (N, m).
 
-    NaN before the first sample, after the last one, and in gaps longer than LONGEST_GAP_S: nothing is
-    made up.
+    NaN before the first sample, after the last one, and in gaps longer than LONGEST_GAP_S: no value is
+    invented.
     """
     out = np.column_stack([np.interp(t_ns, of_ns, column, np.nan, np.nan) for column in rows.T])
     after = np.clip(np.searchsorted(of_ns, t_ns, side="left"), 1, max(len(of_ns) - 1, 1))
@@ -29,7 +29,7 @@ def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarra
 
 
 def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Poses (K, 3) read at other times, (N, 3); the heading goes the short way across ±π."""
+    """Return poses (K, 3) interpolated at other times, (N, 3); the heading goes the short way across ±π."""
     smooth = eta.copy()
     valid = np.isfinite(smooth[:, 2])
     smooth[valid, 2] = np.unwrap(smooth[valid, 2])
@@ -39,7 +39,7 @@ def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray
 
 
 def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
-    """Return ν_x (N,) of the truth; NaN where it is not known."""
+    """Return ν_x (N,) of the truth; NaN if it is not known."""
     if np.isfinite(truth.nu[:, 0]).any():
         return at_times(t_ns, truth.t_ns, truth.nu)[:, 0]
     eta = truth.eta[keep := np.isfinite(truth.eta).all(axis=1)]

@@ -1,4 +1,4 @@
-"""The parts of a run in memory: measurements, estimates, references, the true motion, events; and their checks."""
+"""The parts of a run in memory: measurements, estimates, references, true motion, events; and their checks."""
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,7 +23,7 @@ class Channel(NamedTuple):
     t_ns : ndarray (M,)
         Times of measurement, int64.
     arrival_ns : ndarray (M,)
-        Times at which the loop got them, int64; they never decrease.
+        Times at which the loop received them, int64; they never decrease.
     z : ndarray (M, m)
         In the sensor's units (SI).
 
@@ -52,9 +52,9 @@ class EstimateLog(NamedTuple):
     cov : ndarray (N, 6, 6)
         Covariances of (η, ν).
     innovation : ndarray (N, m), optional
-        NaN where nothing arrived; None: not reported.
+        NaN if no measurement arrived; None: not reported.
     innovation_cov : ndarray (N, m, m), optional
-        Their covariances.
+        Covariances of the innovations.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class EstimateLog(NamedTuple):
 
 
 class ReferenceLog(NamedTuple):
-    """The wanted poses and velocities of a run.
+    """The reference poses and velocities of a run.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class ReferenceLog(NamedTuple):
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame of the route.
     done : ndarray (N,)
-        1.0 from where the guide was at its end.
+        1.0 from the tick at which the guide finished.
 
     Examples
     --------
@@ -123,12 +123,12 @@ class TruthLog(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A line in the log of a run.
+    """A message in the log of a run.
 
     Attributes
     ----------
     t_ns : int
-        When it happened.
+        Its time.
     level : str
         One of LEVELS.
     source : str
@@ -152,12 +152,12 @@ class Event(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Return its sentence in the current language, where it is known as data."""
+        """Return the message in the current language if it is stored as data, else the English text."""
         return self.text if self.diagnostic is None else text(self.diagnostic)
 
 
 def times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
-    """Return times as int64 (k,); Invalid where they decrease, or, with `strictly`, do not increase."""
+    """Return times as int64 (k,). Raise Invalid if they decrease or, with `strictly`, do not increase."""
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
         raise Invalid(fault("run.times", name=name, dtype=t.dtype, found=str(t.shape)))
@@ -180,7 +180,7 @@ def times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
 
 
 def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the values as float64; Invalid where their shape differs."""
+    """Return the values as float64. Raise Invalid if their shape differs from `shape`."""
     rows = np.ascontiguousarray(values, dtype=np.float64)
     if rows.shape != shape:
         shape_text = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
@@ -189,7 +189,7 @@ def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def channel_of(name: str, channel: Channel) -> Channel:
-    """Return a channel with checked shapes."""
+    """Return a channel as arrays. Raise Invalid if a time or a shape is wrong."""
     place = f"sensors[{name!r}]"
     arrival = times(channel.arrival_ns, f"{place}.arrival_ns")
     t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
@@ -217,7 +217,7 @@ def truth_shapes(k: int, log: TruthLog) -> list[tuple[int, ...]]:
 
 
 def log_of(name: str, log: Any, shapes: Any) -> Any:
-    """Return a log with checked shapes; None for None."""
+    """Return a log as arrays, or None for None. Raise Invalid if a time or a shape is wrong."""
     if log is None:
         return None
     t_ns = times(log.t_ns, f"{name}.t_ns")

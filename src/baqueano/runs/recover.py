@@ -1,4 +1,4 @@
-"""A cut or damaged run written anew, whole: what could be verified is saved, the original stays as it is."""
+"""Write a cut or damaged run as a new, complete file: verified data are saved, the original is unchanged."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,22 +11,22 @@ from baqueano.runs.run import Run
 
 
 class RecoveredRun(NamedTuple):
-    """The new file and what was saved in it."""
+    """The new file and the run saved in it."""
 
     path: Path
     run: Run
-    notes: tuple[Diagnostic, ...]  # empty: the original was whole already
+    notes: tuple[Diagnostic, ...]  # empty: the original was already complete
 
 
 def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
-    """Save what is whole of a cut or damaged run in a new file; the original stays as it is.
+    """Save the intact part of a cut or damaged run in a new file; the original is unchanged.
 
     Parameters
     ----------
     path : path
         The damaged file.
     to : path, optional
-        The new file, else `NAME-recovered.mcap` beside it.
+        The new file, else `NAME-recovered.mcap` next to it.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
     Raises
     ------
     FileError
-        Where nothing of it can be read, or the new file exists.
+        If nothing in it can be read, or the new file exists.
 
     Examples
     --------

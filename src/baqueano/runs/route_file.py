@@ -1,16 +1,16 @@
-"""A route as a CSV file that a person can read, edit and draw:
+"""A route as a CSV file that a user can read, edit and plot:
 
     # closed = true
     t_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s
 
-Every double has all its digits, so that a route written and read back is the same. Semicolons and decimal
-commas of a spreadsheet are read as well. By hand, or from another program, poses over the way with a speed are easier:
+Every double has all its digits, so that a route is the same after writing and reading. Semicolons and decimal commas
+of a spreadsheet are accepted too. By hand, or from another program, poses by path length with a speed are easier:
 
-    s_m,x_m,y_m,psi_rad,v_m_s,wait_s          wait_s may be left out
+    s_m,x_m,y_m,psi_rad,v_m_s,wait_s          wait_s is optional
 
     t_k+1 = t_k + 2 Δs / (|v_k| + |v_k+1|) + wait_k,   ν_ψ = v dψ/ds                                      (1)
 
-wait_s is the time that the vehicle stands at a row before it goes on; a turn on the spot, Δs = 0, takes 1 s a radian.
+wait_s is the time that the vehicle waits at a row before it goes on; a turn on the spot, Δs = 0, takes 1 s per radian.
 """
 
 import os
@@ -32,14 +32,14 @@ _CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
 
 
 def write_route(route: Route, path: Path | str) -> Path:
-    """Write a route as a CSV file that a person can read and edit, in place of an older one.
+    """Write a route as a CSV file that a user can read and edit; it replaces an older one.
 
     Parameters
     ----------
     route : Route
         Poses in the map [m, m, rad] and velocities in the body frame [m/s, m/s, rad/s] over time [s].
     path : path
-        The file; it appears whole.
+        The file; it appears complete or not at all.
 
     Returns
     -------
@@ -63,12 +63,12 @@ def write_route(route: Route, path: Path | str) -> Path:
 
 
 def read_route(path: Path | str) -> Route:
-    """Return the route in a CSV file.
+    """Read the route in a CSV file.
 
     Parameters
     ----------
     path : path
-        A file as `write_route` makes it, or poses over the way; semicolons and decimal commas are read as well.
+        A file from `write_route`, or poses by path length; semicolons and decimal commas are accepted too.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def read_route(path: Path | str) -> Route:
     Raises
     ------
     FileError
-        Where a column is missing, a number cannot be read, or time does not increase.
+        If a column is missing, a number cannot be read, or time does not increase.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def read_route(path: Path | str) -> Route:
 
 
 def _by_way(table: LogTable, path: Path) -> Route:
-    """Return the route of poses over the way.  (1)"""
+    """Return the route from poses by path length.  (1)"""
     values = np.column_stack([table.numbers(column) for column in BY_WAY])
     wait_s = table.numbers(WAIT) if WAIT in table.columns else np.zeros(len(values))
     wrong = ~np.isfinite(np.column_stack([values, wait_s])).all(axis=1)
@@ -133,7 +133,7 @@ def _by_way(table: LogTable, path: Path) -> Route:
         np.insert(rows, stands + 1, more, axis=0)
         for rows, more in ((t_s, leaves), (eta, eta[stands]), (nu, nu[stands]))
     )
-    keep = np.append(True, np.diff(t_s) > 0.0)  # two rows of one pose are one
+    keep = np.append(True, np.diff(t_s) > 0.0)  # of two equal poses one is kept
     return Route(t_s[keep], eta[keep], nu[keep], _is_closed(path))
 
 

@@ -1,9 +1,8 @@
-"""A run in memory: what was commanded, what was measured, what was believed, and in simulation what was true.
+"""A run in memory: commands, measurements, estimates, and in simulation the truth.
 
-Times are integer nanoseconds. A measurement carries two: when it was taken (`t_ns`) and when the loop got it
-(`arrival_ns`). A tick at t_k gets the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was in force
-during the same interval. Two runs are equal (==) when every bit of what was recorded is; name, path and notes
-do not count.
+Times are integer nanoseconds. A measurement has two: its instant (`t_ns`) and its arrival at the loop (`arrival_ns`).
+A tick at t_k gets the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was in force during the same interval.
+Two runs are equal (==) if all recorded data are equal bit by bit; name, path and notes do not count.
 """
 
 from collections.abc import Iterator
@@ -36,12 +35,12 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
-OLDEST_S = 0.25  # a measurement that is older by its stamp has a stamp of another clock
+OLDEST_S = 0.25  # an older measurement has the timestamp of another clock
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Run(Result):
-    """A recorded run. Arrays are made int64 or float64 and their shapes are checked.
+    """A recorded run. Arrays are converted to int64 or float64, and their shapes are checked.
 
     Parameters
     ----------
@@ -54,23 +53,23 @@ class Run(Result):
     applied : ndarray (N, n) [unit of u]
         Commands in force during the interval that ends at t_ns.
     requested : ndarray (N, n), optional [unit of u]
-        Commands of the controller at t_ns; NaN where it was silent.
+        Commands of the controller at t_ns; NaN if it did not send one.
     sensors : dict of Channel
         Measurements by sensor, in the order of the vehicle file.
     estimate : EstimateLog, optional
         Estimates.
     reference : ReferenceLog, optional
-        Wanted poses and velocities.
+        Reference poses and velocities.
     truth : TruthLog, optional
         The true motion.
     events : tuple of Event
-        What happened.
+        Messages in its log.
     vehicle_text : str
         The vehicle file in force, as it was written.
     metadata : dict of str
         Seed, versions, back end, kind.
     sent : ndarray (N, n), optional [unit of u]
-        Commands that the supervisor let through at t_ns; NaN where it was silent.
+        Commands that the supervisor let pass at t_ns; NaN if it did not send one.
     notes : tuple of Diagnostic
         Remarks of the reader about the file.
 
@@ -132,7 +131,7 @@ class Run(Result):
         return shortened(lines[:topics], lines[topics:], [])
 
     def rows(self) -> list["TableRow"]:
-        """One flat dict per topic; not known is None."""
+        """Return one flat dict per topic; an unknown value is None."""
         from baqueano.runs.show import show
 
         return show(self).rows()
@@ -145,7 +144,7 @@ class Run(Result):
 
     def to_pandas(self) -> Any:
         """Return a pandas DataFrame with a row per tick, by time in seconds: commands in force, estimate, reference,
-        truth, and each number of each sensor, NaN where none had arrived since the tick before."""
+        truth, and each number of each sensor, NaN if none arrived since the previous tick."""
         from baqueano.runs.interpolated import at_times, poses_at
 
         columns = {f"applied_{k}": u for k, u in enumerate(self.applied.T)}
@@ -169,19 +168,19 @@ class Run(Result):
 
     @property
     def t_s(self) -> np.ndarray:
-        """(N,) the ticks in seconds since the first one."""
+        """Return the ticks (N,) in seconds since the first one."""
         return seconds(self.t_ns, self.t_ns[0]) if len(self.t_ns) else np.zeros(0)
 
     @property
     def guide_reference(self) -> ReferenceLog | None:
-        """Return the reference of the guide; None where it equals the estimate, as in a drive without a guide."""
+        """Return the reference of the guide; None if it equals the estimate, as in a drive without a guide."""
         ref, log = self.reference, self.estimate
         if ref is None or log is None or not np.array_equal(ref.eta, log.eta, equal_nan=True):
             return ref
         return None
 
     def ticks(self) -> Iterator[Tick]:
-        """The ticks as the loop saw them: per sensor the newest measurement since the tick before, if any."""
+        """Yield the ticks as in the loop: per sensor the newest measurement since the previous tick, if any."""
         slots = sensor_slots(tuple(self.sensors))
         columns = [_slots(channel, self.t_ns) for channel in self.sensors.values()]
         for t_ns, u, *row in zip(self.t_ns.tolist(), self.applied, *columns, strict=True):
@@ -191,7 +190,7 @@ class Run(Result):
         """Return the part from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
         low, high = (self._instant(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
-        # what arrived by the tick before stays with it
+        # measurements that arrived by the previous tick belong to it
         before = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
 
         def piece(log: Any) -> Any:
@@ -236,13 +235,13 @@ def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
 
 
 def age_s(measured_ns: Value, t_ns: Value) -> Value:
-    """Return the age of a measurement at `t_ns` [s]; 0 where the stamp is ahead or its clock is off."""
+    """Return the age of a measurement at `t_ns` [s]; 0 if its timestamp is later, or of another clock."""
     age = seconds(t_ns, measured_ns)
     return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
 
 
 def _same(a: object, b: object) -> bool:
-    """Equal bit by bit, through arrays, tuples and dicts; NaN equals the same NaN."""
+    """Return True if both are equal bit by bit, in arrays, tuples and dicts too; NaN equals the same NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
     if isinstance(a, dict) and isinstance(b, dict):

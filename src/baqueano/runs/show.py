@@ -32,17 +32,17 @@ KEYS = {  # of the metadata, as they are shown
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownRun:
-    """The answer of `runs show`."""
+    """The result of `runs show`."""
 
     run: "Run"
 
     @property
     def verdict(self) -> str:
-        """USABLE, or WARN where the file was cut or damaged."""
+        """Return WARN if the file was cut or damaged, else USABLE."""
         return "WARN" if self.run.notes else "USABLE"
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat dict per topic; unknown is None."""
+        """Return a flat dict per topic; an unknown value is None."""
         run = self.run
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
         rows = [_row(N_("command applied"), run.t_ns, run.applied, start)]
@@ -61,7 +61,7 @@ class ShownRun:
         return rows
 
     def table(self) -> str:
-        """Topics, then events and what the reader had to say."""
+        """Return the topics, then the events and the notes on the file, as text."""
         run, lines = self.run, []
         counts = " ".join(
             f"{_(KEYS.get(key, key))} {_(value)};"
@@ -98,7 +98,7 @@ class ShownRun:
         return in_lines([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
 
     def events(self) -> list["TableRow"]:
-        """All events as flat dicts, times in seconds since the first tick."""
+        """Return all events as flat dicts, times in seconds since the first tick."""
         start = int(self.run.t_ns[0]) if len(self.run.t_ns) else 0
         return [
             {
@@ -113,13 +113,13 @@ class ShownRun:
 
 
 def _topic(name: str) -> str:
-    """Return a topic in words; the name of a sensor stays."""
+    """Return a topic for display; the name of a sensor is not translated."""
     word, _space, sensor = name.partition(" ")
     return f"{_(word)} {sensor}" if word == N_("sensor") else _(name)
 
 
 def show(run: "Run") -> ShownRun:
-    """Return the content of a run."""
+    """Return the content of a run, for display or as rows."""
     return ShownRun(run)
 
 

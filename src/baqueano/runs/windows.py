@@ -1,4 +1,4 @@
-"""Means over windows of time: two channels of other rates over the same stretches, or one without its vibration."""
+"""Means over time windows: to compare two channels of different rates, or to remove vibration from one."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from baqueano.signals import NANOSECONDS
 
 
 def means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers (W,) of the windows with rows from `origin_ns` on, and the means (W, m) of the finite entries
-    in each. NaN without any."""
+    """Return the numbers (W,) of the windows that have rows, counted from `origin_ns`, and their means (W, m).
+    A mean is of the finite entries; NaN without one."""
     number = ((channel.t_ns - origin_ns) / NANOSECONDS / width_s).astype(np.int64)
     windows, row = np.unique(number, return_inverse=True)
     good = np.isfinite(channel.z)

@@ -1,9 +1,9 @@
-"""Sensors: motion → measurement. Swap one by writing a frozen dataclass with the methods of `Sensor`.
+"""Sensors turn a motion into a measurement. To add one, write a frozen dataclass with the methods of `Sensor`.
 
-A sensor that measures an angle has, beside these, `difference(z, expected)` (m,): z − expected with the angle
-wrapped (see `Pose`); where it is missing the difference is plain. One that is silent where there is nothing to measure
-has `detects(motion)` (see `Rangefinder`). One that may take one thing for another has `mistakes(z)` (k, m): what z
-lacks then (see `Tags`).
+Some sensors need one more method. A sensor of an angle has `difference(z, expected)` (m,): z − expected with the angle
+wrapped (see `Pose`); the default does not wrap. A sensor that is silent at times has `detects(motion)` (see
+`Rangefinder`). A sensor that may mistake one object for another has `mistakes(z)` (k, m): the corrections of z for each
+possible mistake (see `Tags`).
 """
 
 from baqueano.contracts.blocks import Sensor

@@ -1,10 +1,12 @@
-"""The distance to a beacon whose place is known: ultra-wideband, ultrasound.
+"""The distance to a beacon at a known position, by ultra-wideband or ultrasound.
 
     h = √((b − s)² + z²) + d,   s = p + R(ψ) l                                                            (1)
 
-b is the place of the beacon in the map, z how far above the sensor it hangs; l is the place of the sensor ahead and to
-the left of the body's origin, d the offset. It depends on the pose alone, so an estimator corrects all that the pose
-hangs on: one range each time along one line, and the way between two ranges shows the rest.
+b is the position of the beacon in the map, z its height above the sensor, d the offset of the range. s is the position
+of the sensor: p is the body's origin, l the lever arm forward and to the left, R(ψ) the rotation by the heading.
+
+h depends only on the pose, so an estimator corrects all states that are correlated with the pose. One range corrects
+along one line; the motion between two ranges gives the rest.
 """
 
 from dataclasses import dataclass
@@ -17,13 +19,13 @@ from baqueano.parameter import INF, documented, parameter
 from baqueano.sensors.sampling import SampledSensor, place_of
 from baqueano.signals import Motion
 
-SMALL_M = 1e-3  # keeps (1) smooth under the beacon
+SMALL_M = 1e-3  # keeps (1) differentiable exactly under the beacon
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Beacon(SampledSensor):
-    """z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. Three of them show the place.
+    """Sensor of z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. Three of them give the position.
 
     Parameters
     ----------
@@ -62,10 +64,10 @@ class Beacon(SampledSensor):
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The noise-free range (1,).  (1)"""
+        """Return the range (1,) without noise.  (1)"""
         x, y = self.point_m - place_of(self.lever_arm_m, motion)
         return np.array([np.sqrt(x * x + y * y + self.above_m**2 + SMALL_M**2) + self.offset_m])
 
     def detects(self, motion: Motion) -> Value:
-        """Within reach?"""
+        """Return True if the beacon is within `farthest_m`."""
         return self.h(motion)[0] <= self.farthest_m

@@ -1,12 +1,13 @@
-"""A compass: the heading in the map, by a magnetometer that lies flat.
+"""A compass: a magnetometer that lies flat measures the heading in the map.
 
     h = atan2(sin φ − b_y, cos φ + b_x),   φ = ψ + χ                                                      (1)
 
-φ is the heading from magnetic north: χ the turn of the magnetometer on the vehicle, plus the heading of the map's x.
-b is the field of the vehicle's own iron and currents along the axes of the magnetometer. Its unit is the horizontal
-field of the earth: it turns with the vehicle, and half a field makes 30° of error. Indoors the field bends by tens of
-degrees within a metre, and by the same angle each time that the vehicle comes to the place: believe a compass there no
-better than that.
+φ is the heading from magnetic north, ψ the heading of the vehicle in the map. χ is the angle of the magnetometer on the
+vehicle, plus the heading of the map's x. b is the field of the vehicle's own iron and currents along the axes of the
+magnetometer, in units of the earth's horizontal field. It turns with the vehicle; half a unit causes an error of 30°.
+
+Indoors the field bends by tens of degrees within a metre, and by the same angle at each visit of a place. Set the noise
+of an indoor compass accordingly.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from baqueano.signals import Motion
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Compass(SampledSensor):
-    """z = (ψ,) [rad], the heading in the map, wrapped.
+    """Sensor of z = (ψ,) [rad], the heading in the map, wrapped.
 
     Parameters
     ----------
@@ -60,10 +61,10 @@ class Compass(SampledSensor):
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The noise-free heading (1,).  (1)"""
+        """Return the heading (1,) without noise.  (1)"""
         phi = motion.eta[2] + self.heading_rad
         return np.array([np.arctan2(np.sin(phi) - self.iron[1], np.cos(phi) + self.iron[0])])
 
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-        """z − expected (1,), wrapped."""
+        """Return z − expected (1,), wrapped."""
         return np.array([wrap(z[0] - expected[0])])

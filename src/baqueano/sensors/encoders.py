@@ -1,13 +1,15 @@
-"""Encoders that count: the mean speed of each wheel from one reading of its counter to the next.
+"""Encoders that count: the mean speed of each wheel between two readings of its counter.
 
-    n = ⌊s/c⌋ mod N,   z = c ((n − n₋ + N/2) mod N − N/2) / δ,   s the way that the wheel has rolled      (1)
+    n = ⌊s/c⌋ mod N,   z = c ((n − n₋ + N/2) mod N − N/2) / δ,   s the distance that the wheel has rolled  (1)
     h = that of wheels: v_l = s_l (ν_x − ν_ψ b/2),  v_r = s_r (ν_x + ν_ψ b/2),   ½ δ ago                  (2)
     Q = (σ² + c²/(6 δ²)) I                                                                                (3)
 
-c is the way of one count, N where the counter begins again, δ = 1/rate_hz the time between two readings. A mean speed
-holds in the middle, so a reading is ½ δ old, and its slot says so. Counts are rounded at both ends of δ, each time by
-c²/12 of variance: what one reading has too much the next has too little, so that their sum is never off by more than c.
-Slow readings are finer and older; a wheel that rolls more than half of N between two readings is read wrongly.
+n is the counter, n₋ its previous reading, c the distance of one count. The counter restarts at 0 after N counts. δ =
+1/rate_hz is the time between two readings, σ = noise_std. ν_x, ν_ψ, s_l, s_r and b are those of wheels.py.
+
+A mean speed belongs to the middle of δ, so the slot of a reading has the age ½ δ. Counts are rounded at both ends of δ,
+each time with the variance c²/12. The errors of successive readings cancel: their sum is never wrong by more than c.
+Slower readings are finer, but older. A wheel that rolls more than N/2 counts between two readings is read wrongly.
 """
 
 from dataclasses import dataclass
@@ -23,22 +25,22 @@ from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S
 
-EDGE = 1e-6  # of a count: the way is rounded
+EDGE = 1e-6  # of a count: tolerance for the rounding of the distance
 
 
 class EncodersState(NamedTuple):
     """State of the encoders."""
 
     phase: Value  # part of a period since the last reading
-    way: np.ndarray  # (2,) that the wheels have rolled, s [m]
-    counts: np.ndarray  # (2,) of the last reading
-    since_s: Value  # the last reading
+    way: np.ndarray  # (2,) distance that the wheels have rolled, s [m]
+    counts: np.ndarray  # (2,) counters at the last reading
+    since_s: Value  # time since the last reading
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoders:
-    """z = (v_l, v_r) [m/s], the mean speed at which the left and the right wheel rolled since the reading before.
+    """Sensor of z = (v_l, v_r) [m/s], the mean speeds of the left and the right wheel since the previous reading.
 
     Notes
     -----
@@ -55,7 +57,7 @@ class Encoders:
 
     size: ClassVar[int] = 2
     noise_size: ClassVar[int] = 2  # unit normals a tick
-    delay_s: ClassVar[float] = 0.0  # beside the age that a slot tells
+    delay_s: ClassVar[float] = 0.0  # in addition to the age in a slot
 
     track_m: float = track()
     count_m: float = parameter(
@@ -85,23 +87,23 @@ class Encoders:
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (2, 2): the covariance of one measurement.  (3)"""
+        """Return Q (2, 2), the covariance of one measurement.  (3)"""
         if self.measurement_noise_cov is not None:
             return self.measurement_noise_cov
         return np.eye(2) * (self.noise_std**2 + (self.count_m * self.rate_hz) ** 2 / 6.0)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The speed of the wheels (2,).  (2)"""
+        """Return the speeds of the wheels (2,).  (2)"""
         return rolling(self, motion)
 
     def init(self) -> EncodersState:
-        """Counters at 0."""
+        """Return the state with both counters at 0."""
         return EncodersState(0.0, np.zeros(2), np.zeros(2), 0.0)
 
     def step(
         self, state: EncodersState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[EncodersState, Slot]:
-        """Return the counts since the last reading; `noise` (2,) are unit normals.  (1)"""
+        """Return the state and the mean speeds since the last reading; `noise` (2,) are unit normals.  (1)"""
         begin, middle, end = motion.tick or (motion, motion, motion)
         way = state.way + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s

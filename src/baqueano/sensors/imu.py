@@ -1,17 +1,17 @@
 """An inertial measurement unit that lies flat on the vehicle: two accelerometers and the gyro about z.
 
     f_x = ν̇_x − ν_ψ ν_y − l_x ν_ψ² − l_y ν̇_ψ − g_x      specific force at (l_x, l_y) from the origin      (1)
-    f_y = ν̇_y + ν_ψ ν_x − l_y ν_ψ² + l_x ν̇_ψ − g_y                                                       (2)
+    f_y = ν̇_y + ν_ψ ν_x − l_y ν_ψ² + l_x ν̇_ψ − g_y      ν: velocity; g_x, g_y: gravity along the floor    (2)
     f_x, f_y ← cos ζ f_x + sin ζ f_y,  cos ζ f_y − sin ζ f_x            turned by ζ to the left
     a_x = cos θ f_x − sin θ g                             roll φ and pitch θ about its own x and y        (3)
     a_y = sin φ sin θ f_x + cos φ f_y + sin φ cos θ g     (right-handed: positive pitch is nose down)     (4)
     ω_z = cos φ cos θ ν_ψ                                                                                 (5)
-    h = scale · (a_x, a_y, ω_z) + bias + slope (T − T₀)                                                   (6)
+    h = scale · (a_x, a_y, ω_z) + bias + slope (T − T₀)   T: temperature, T₀: its reference               (6)
 
-`paper` puts (ν̇_x, ν̇_y, ν_ψ) in place of (3)-(5), as Grotz et al., `equ:h` (errata 3): right only without turning. The
-simulation adds, in this order, the walk of the bias b⁺ = b + σ_b √δ n, white noise, the end of the range, the step of
-the converter; rate, low-pass and delay as in sampling.py. Roll and pitch show as gravity, and so does a bias: a fit
-knows their sum, and one only with the other fixed. The floor's slope is small: cos α = 1.
+`paper` replaces (3)-(5) by (ν̇_x, ν̇_y, ν_ψ), as Grotz et al., `equ:h` (errata 3): correct only without turning. The
+simulation adds, in this order: the walk of the bias b⁺ = b + σ_b √δ n, white noise, the limit of the range, the step of
+the converter; sampling.py adds rate, low-pass and delay. n is a unit normal, δ the tick. Roll, pitch and bias have the
+same effect at rest: a fit finds their sum, or one if the other is fixed. The slope of the floor is small: cos α = 1.
 """
 
 from dataclasses import dataclass
@@ -32,16 +32,16 @@ MODELS = ("physical", "paper")
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes: two accelerometers and the gyro about z.
+    """Sensor of z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes: two accelerometers and the gyro about z.
 
     Parameters
     ----------
     measurement_model : str
-        "physical", or "paper": the equation of Grotz et al., right for a vehicle that does not turn.
+        "physical", or "paper": the equation of Grotz et al., correct for a vehicle that does not turn.
     delay_slots : int
         Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
     has_low_pass : bool
-        Set by itself where low_pass_hz is finite. Never traced.
+        True if low_pass_hz is finite; set automatically. Never traced.
 
     References
     ----------
@@ -148,28 +148,28 @@ class Imu:
 
     @property
     def size(self) -> int:
-        """m."""
+        """Return m, the length of a measurement."""
         return 3
 
     @property
     def noise_size(self) -> int:
-        """Unit normals a tick: three of white noise, three of the bias walk."""
+        """Return the number of unit normals that a tick needs: three of white noise, three of the bias walk."""
         return 6
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (3, 3): the covariance of one measurement."""
+        """Return Q (3, 3), the covariance of one measurement."""
         if self.measurement_noise_cov is not None:
             return self.measurement_noise_cov
         return np.diag(self._channels(self.accel_noise_std, self.gyro_noise_std) ** 2)
 
     @property
     def limit(self) -> np.ndarray:
-        """Ends of the ranges (3,)."""
+        """Return the ends of the ranges (3,)."""
         return self._channels(self.accel_limit * np.ones(2), self.gyro_limit)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The noise-free measurement (3,).  (6)"""
+        """Return the measurement (3,) without noise.  (6)"""
         if self.measurement_model == "paper":
             ideal = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
         else:
@@ -182,7 +182,7 @@ class Imu:
         return self._channels(self.accel_scale, self.gyro_scale) * ideal + bias
 
     def init(self) -> SensorState:
-        """An IMU just switched on."""
+        """Return the state of an IMU that was just switched on."""
         return start(self)
 
     def step(
@@ -199,7 +199,7 @@ class Imu:
         return state._replace(bias=bias), Slot(has, np.where(has > 0.0, z, 0.0))
 
     def _specific_force(self, motion: Motion) -> np.ndarray:
-        """(a_x, a_y, ω_z) (3,) of a perfect IMU, where it sits and as it sits.  (1)-(5)"""
+        """Return (a_x, a_y, ω_z) (3,) of an IMU without errors, at its position and with its angles.  (1)-(5)"""
         nu, nu_dot, g = motion.nu, motion.nu_dot, motion.gravity
         lx, ly = self.lever_arm_m
         f_x = nu_dot[0] - nu[2] * nu[1] - lx * nu[2] * nu[2] - ly * nu_dot[2] - g[0]
@@ -214,5 +214,5 @@ class Imu:
 
     @staticmethod
     def _channels(accel: np.ndarray, gyro: float) -> np.ndarray:
-        """Return a value for each of the three channels (3,)."""
+        """Return the values of the three channels (3,)."""
         return np.array([accel[0], accel[1], gyro])

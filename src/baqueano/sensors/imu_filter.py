@@ -1,12 +1,12 @@
-"""The low-pass filter in a small IMU, by its setting: widths and delays of the data sheet, and the filter of h.
+"""The low-pass filter in a small IMU: widths and delays of its settings by the data sheet, and the filter of h.
 
     low_pass_hz = 1 / (2π d),  d the delay of the gyro                                                    (1)
 
-The filter of h is of the first order (sampling.py): this one is as late as the chip's at low frequencies. One as wide
-as the chip's would be 1.0 ms less late at setting 3, and 13 ms later at setting 6.
+The filter of h is of the first order (sampling.py) and has the delay of the chip's filter at low frequencies. A filter
+with the chip's bandwidth would have 1.0 ms less delay at setting 3, and 13 ms more at setting 6.
 
-Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1. The delay of the 6500's accelerometer is that of the latest
-map: an earlier one has 11.80 ms where this has 4.88 ms (at 44.8 Hz), more than a filter of that width can have.
+Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1. The accelerometer delay of the 6500 is that of the latest
+map. An earlier map has 11.80 ms instead of 4.88 ms (at 44.8 Hz), more than a filter of that width can have.
 """
 
 from typing import NamedTuple
@@ -42,7 +42,7 @@ BANDS_6500 = {
 
 
 def low_pass_hz(setting: float) -> float:
-    """Return the bandwidth [Hz] of the first-order low-pass that is as late as a chip's filter, 1 to 6.  (1)
+    """Return the bandwidth [Hz] of the first-order low-pass with the delay of the chip at a setting of 1 to 6.  (1)
 
     >>> print(f"{low_pass_hz(3):.1f} Hz")
     33.2 Hz

@@ -1,13 +1,14 @@
-"""A line on the floor that the vehicle drives over: tape under a light sensor, a light barrier, a lap counter.
+"""A line on the floor that the vehicle crosses: tape under a light sensor, a light barrier, a lap counter.
 
     h = (x − p_x) cos χ + (y − p_y) sin χ                                                                 (1)
 
-the distance beyond the line through p that is driven over in the direction χ, both in the map. It says
-something only while the line is passed, from h < 0 to h ≥ 0 and no further than `half_width_m` to the side
-of p; what it then says is how far beyond the line the body is already, 0 where the passing itself was timed.
-A run begins at the origin of the map unless something tells its pose, so a mark at the start has p = 0, χ = 0.
-In a fit `noise_std` is believed as it stands: on a floor that disturbs the vehicle, write how far a simulation is
-off by then, not how sharp the line is.
+h is the distance of the body, at (x, y), beyond the line through p, which is crossed in the direction χ; all in the
+map. The sensor measures only while the line is crossed, from h < 0 to h ≥ 0, at most `half_width_m` to the side of p.
+The reading is the distance beyond the line at the end of the tick, or 0 if the crossing itself was timed. A run begins
+at the origin of the map unless a sensor measures its pose, so a mark at the start has p = 0, χ = 0.
+
+A fit uses `noise_std` unchanged. On a floor that disturbs the vehicle, give the error of a simulation at the mark, not
+the sharpness of the line.
 """
 
 from dataclasses import dataclass
@@ -24,13 +25,13 @@ from baqueano.vehicles.bounds import check_bounds
 class MarkState(NamedTuple):
     """State of a mark."""
 
-    before: float  # h at the tick before [m]
+    before: float  # h at the previous tick [m]
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """z = (h,) [m], the distance beyond a line on the floor, at the moments when the line is passed.
+    """Sensor of z = (h,) [m], the distance beyond a line on the floor, when the vehicle crosses the line.
 
     Notes
     -----
@@ -45,7 +46,7 @@ class Mark:
 
     reads: ClassVar[str] = "mark"
 
-    rate_hz: ClassVar[float] = INF  # it answers whenever the line is passed
+    rate_hz: ClassVar[float] = INF  # it measures whenever the line is crossed
     delay_s: ClassVar[float] = 0.0
 
     point_m: np.ndarray = parameter(
@@ -65,17 +66,17 @@ class Mark:
 
     @property
     def size(self) -> int:
-        """m."""
+        """Return m, the length of a measurement."""
         return 1
 
     @property
     def noise_size(self) -> int:
-        """Unit normals a tick."""
+        """Return the number of unit normals that a tick needs."""
         return 1
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (1, 1): the covariance of one measurement."""
+        """Return Q (1, 1), the covariance of one measurement."""
         if self.measurement_noise_cov is not None:
             return self.measurement_noise_cov
         return np.eye(1) * self.noise_std**2
@@ -86,13 +87,16 @@ class Mark:
         return np.array([x * np.cos(self.heading_rad) + y * np.sin(self.heading_rad)])
 
     def init(self) -> MarkState:
-        """Return a state before any passage; a vehicle that starts on the line does not pass it by leaving."""
+        """Return the state before any crossing; a vehicle that starts on the line does not cross it by leaving."""
         return MarkState(0.0)
 
     def step(
         self, state: MarkState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[MarkState, Slot]:
-        """Return the distance of the body beyond the line, if it passed in this tick; `noise` (1,)."""
+        """Return the state, and the distance beyond the line if the body crossed it in this tick.
+
+        `noise` (1,) is a unit normal.
+        """
         h = self.h(motion)
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
         aside = np.abs(y * np.cos(self.heading_rad) - x * np.sin(self.heading_rad))

@@ -1,9 +1,10 @@
-"""A sensor of the pose in the map: a camera above the floor, a marker, a hand that puts it on a mark.
+"""A sensor of the pose in the map: a camera above the floor, a marker, or placement on a mark by hand.
 
     h = (x + l_x cos ψ − l_y sin ψ,  y + l_x sin ψ + l_y cos ψ,  ψ + χ)                                    (1)
 
-of a mark, an antenna or a laser l ahead and to the left of the body's origin, turned by χ to the left. ψ is wrapped
-before and after the noise, and the delay is read across ±π the short way.
+(x, y, ψ) is the pose of the body. The sensor measures a mark, an antenna or a laser, which is turned by χ to the left.
+Its position on the body is l, forward and to the left of the origin. ψ is wrapped before and after the noise. The
+delay interpolates headings across ±π along the shorter arc.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from baqueano.signals import Motion
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose(SampledSensor):
-    """z = (x, y, ψ) [m, m, rad], the pose in the map.
+    """Sensor of z = (x, y, ψ) [m, m, rad], the pose in the map.
 
     Parameters
     ----------
@@ -59,22 +60,22 @@ class Pose(SampledSensor):
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The noise-free measurement (3,).  (1)"""
+        """Return the measurement (3,) without noise.  (1)"""
         x, y, psi = motion.eta
         ahead, left = turned(self.lever_arm_m, psi)
         return np.array([x + ahead, y + left, psi + self.heading_rad])
 
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-        """z − expected (3,), its heading wrapped."""
+        """Return z − expected (3,) with its heading wrapped."""
         return _wrap_heading(z - expected)
 
 
 def turned(way: np.ndarray, psi: Value) -> tuple[Value, Value]:
-    """Return a way (2,) turned by ψ to the left."""
+    """Return a vector (2,) turned by ψ to the left."""
     c, s = np.cos(psi), np.sin(psi)
     return c * way[0] - s * way[1], s * way[0] + c * way[1]
 
 
 def _wrap_heading(eta: np.ndarray) -> np.ndarray:
-    """(x, y, wrap(ψ)) (3,)."""
+    """Return (x, y, wrap(ψ)) (3,)."""
     return np.array([eta[0], eta[1], wrap(eta[2])])

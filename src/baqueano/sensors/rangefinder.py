@@ -1,11 +1,13 @@
-"""The distance along a beam to a wall whose place is known: ultrasound, infrared, laser.
+"""The distance along a beam to a wall at a known position: ultrasound, infrared, laser.
 
     h = (w − s)·n / cos α,   n = (cos χ, sin χ),   α = ψ + ζ − χ,   s = p + R(ψ) l                        (1)
 
-for a wall through w that a vehicle faces squarely at the heading χ, and a beam turned by ζ to the left. The sensor is
-at l, ahead and to the left of the body's origin. It is silent beyond `farthest_m`, beyond the ends of the wall, and
-where |α| is above `incidence_rad`: a smooth wall throws the sound away from it. Past a corner or a leg of a chair it
-measures something else; the gate of an estimator leaves that out.
+w is a point of the wall, n its normal: a vehicle with the heading χ faces the wall squarely. ψ is the heading of the
+vehicle, ζ the angle of the beam on it, to the left; α is the angle of incidence. s is the position of the sensor: p is
+the body's origin, l the lever arm forward and to the left, R(ψ) the rotation by the heading.
+
+The sensor is silent beyond `farthest_m`, beyond the ends of the wall, and if |α| is above `incidence_rad`: a smooth
+wall then reflects the sound away. If a chair is in the way, the gate of an estimator rejects the reading.
 """
 
 from dataclasses import dataclass
@@ -19,13 +21,13 @@ from baqueano.parameter import INF, documented, parameter
 from baqueano.sensors.sampling import SampledSensor, place_of
 from baqueano.signals import Motion
 
-LEAST_COS = 0.1  # keeps (1) finite for a belief that is turned away
+LEAST_COS = 0.1  # keeps (1) finite for an estimated pose that faces away from the wall
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Rangefinder(SampledSensor):
-    """z = (r,) [m], the distance along a beam to one wall: ultrasound, infrared, laser.
+    """Sensor of z = (r,) [m], the distance along a beam to one wall: ultrasound, infrared, laser.
 
     Parameters
     ----------
@@ -72,12 +74,12 @@ class Rangefinder(SampledSensor):
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The noise-free range (1,).  (1)"""
+        """Return the range (1,) without noise.  (1)"""
         square, alpha = self._facing(motion)
         return np.array([square / np.maximum(np.cos(alpha), LEAST_COS)])
 
     def detects(self, motion: Motion) -> Value:
-        """Return True if the wall is there, within reach, and square enough."""
+        """Return True if the beam hits the wall within reach, and squarely enough."""
         (square, alpha), r = self._facing(motion), self.h(motion)[0]
         beam, n = motion.eta[2] + self.heading_rad, self.wall_heading_rad
         x, y = (
@@ -90,7 +92,7 @@ class Rangefinder(SampledSensor):
         return near & (np.abs(alpha) <= self.incidence_rad)
 
     def _facing(self, motion: Motion) -> tuple[Value, Value]:
-        """The distance square to the wall [m], and α [rad]."""
+        """Return the perpendicular distance to the wall [m], and α [rad]."""
         x, y = self.wall_point_m - place_of(self.lever_arm_m, motion)
         n = self.wall_heading_rad
         return x * np.cos(n) + y * np.sin(n), wrap(motion.eta[2] + self.heading_rad - n)

@@ -1,16 +1,17 @@
-"""Sampling times and low-pass of a sensor, which all sensors share.
+"""Sampling times, low-pass and delay, which all sensors share.
 
-A sensor of rate f is asked at every tick of δ seconds and answers where its phase passes a whole number:
+A sensor of rate f measures when its phase φ passes a whole number; δ is the length of a tick:
 
     φ⁺ = φ + f δ,   has = 1 if φ⁺ ≥ 1,   φ ← φ⁺ − ⌊φ⁺⌋                                                     (1)
 
-A sensor that is faster than the ticks answers once a tick. Its low-pass is of the first order, τ = 1 / (2π
-low_pass_hz), and exact for a signal p that is a parabola during the tick, through a, m and b:
+A sensor that is faster than the ticks measures once a tick. Its low-pass y is of the first order, with the time
+constant τ = 1 / (2π low_pass_hz). It is exact for a signal p that is a parabola during the tick, given at its start,
+middle and end:
 
     y⁺ = q(δ) + (y − q(0)) e^(−δ/τ),   q = p − τ ṗ + τ² p̈                                                (2)
 
-Then the signal is delay_s old, read from a line of the past (vehicles/delay.py); until the line is long enough the
-sensor is silent.
+The reading is the signal of delay_s ago, from a line of past values (vehicles/delay.py). The sensor is silent until the
+line is long enough.
 """
 
 from typing import ClassVar, NamedTuple
@@ -29,13 +30,13 @@ PHASE_TOLERANCE = 1e-6  # of a period: ticks come in whole nanoseconds
 class Signal(NamedTuple):
     """State of a signal between the sensor and its reading."""
 
-    past: np.ndarray  # (delay_slots, m) of the ticks before, behind the low-pass, newest first
-    steps_s: np.ndarray  # (delay_slots,) from each to the one before it
-    smooth: np.ndarray  # (m,) behind the low-pass; (0,) for a sensor without one
+    past: np.ndarray  # (delay_slots, m) values of the previous ticks, after the low-pass, newest first
+    steps_s: np.ndarray  # (delay_slots,) time from each value to the older one
+    smooth: np.ndarray  # (m,) output of the low-pass; (0,) for a sensor without one
 
 
 class SensorState(NamedTuple):
-    """State of a sensor.
+    """State of a sensor between two ticks.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class SensorState(NamedTuple):
     ticks : float
         Ticks so far.
     signal : Signal
-        What lies between the sensor and its reading.
+        Low-pass and delay between the sensor and its reading.
     bias : ndarray (m,)
         Walk of the bias since the start, in the sensor's units.
     """
@@ -56,16 +57,16 @@ class SensorState(NamedTuple):
 
 
 def check(sensor: Tree) -> None:
-    """Refuse parameters out of their bounds, and a delay for which no past is kept."""
+    """Raise ValueError for a parameter out of its bounds, and for a delay without past values."""
     check_bounds(sensor)
     check_delay(type(sensor).__name__, sensor.delay_s, sensor.delay_slots)
 
 
 class SampledSensor:
-    """A sensor with white noise but for its h: a block of this room adds its parameters, `size` and h(motion) → (m,).
+    """Base of a sensor with white noise: a subclass adds its parameters, `size` and h(motion) → (m,).
 
-    It has rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov; and, where it is silent at times,
-    detects(motion), or for angles difference(z, expected).
+    The parameters include rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov. A sensor that is silent
+    at times adds detects(motion), a sensor of angles adds difference(z, expected).
     """
 
     __slots__ = ()
@@ -79,23 +80,23 @@ class SampledSensor:
 
     @property
     def noise_size(self) -> int:
-        """Unit normals a tick."""
+        """Return the number of unit normals that a tick needs."""
         return self.size
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (m, m): the covariance of one measurement, as a fit found it, else the squares of noise_std."""
+        """Return Q (m, m), the covariance of one measurement: measurement_noise_cov, or the squares of noise_std."""
         Q = self.measurement_noise_cov
         return np.eye(self.size) * self.noise_std**2 if Q is None else Q
 
     def init(self) -> SensorState:
-        """A sensor just switched on."""
+        """Return the state of a sensor that was just switched on."""
         return start(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
-        """The state one tick on, and what the sensor says at its end; `noise` (m,) are unit normals."""
+        """Return the state one tick later, and the measurement at the end of the tick; `noise` (m,): unit normals."""
         state, has, z = sample(self, state, motion, dt_s)
         has: Value = np.where(detects(self, motion), has, 0.0)
         z = difference(self, z + self.noise_std * noise, np.zeros(self.size))  # an angle is wrapped
@@ -109,14 +110,14 @@ def start(sensor: Tree) -> SensorState:
 
 
 def steady_signal(sensor: Tree, h: np.ndarray) -> Signal:
-    """Return the signal of a sensor that has shown `h` (m,) for long."""
+    """Return the signal of a sensor whose noise-free measurement has been `h` (m,) for a long time."""
     slots = optional.of(sensor, "delay_slots")
     smooth = h if optional.of(sensor, "has_low_pass") else np.zeros(0)
     return Signal(np.ones((slots, 1)) * h, BEFORE_S * np.ones(slots), smooth)
 
 
 def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tuple[Signal, np.ndarray]:
-    """Return the signal one tick on, and what the sensor shows then (m,), without noise.  (2)"""
+    """Return the signal one tick later, and the measurement (m,) then, without noise.  (2)"""
     h, smooth = sensor.h(motion), signal.smooth
     if smooth.shape[0]:
         h = smooth = _smooth(sensor, smooth, motion, dt_s)
@@ -130,7 +131,7 @@ def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tu
 def sample(
     sensor: Tree, state: SensorState, motion: Motion, dt_s: float
 ) -> tuple[SensorState, float, np.ndarray]:
-    """Return the state one tick on, `has`, and the noise-free measurement (m,).  (1)"""
+    """Return the state one tick later, `has`, and the measurement (m,) without noise.  (1)"""
     phase = state.phase + sensor.rate_hz * dt_s + PHASE_TOLERANCE
     periods = np.floor(phase)
     line_s = state.ticks * np.maximum(dt_s, SHORTEST_TICK_S) + PHASE_TOLERANCE * dt_s
@@ -145,37 +146,37 @@ def sample(
 
 
 def detects(sensor: Tree, motion: Motion) -> Value:
-    """Return whether a sensor has something to measure there; one that is silent at times brings its own."""
+    """Return True if the sensor has something to measure at this motion; the default is True."""
     own = optional.of(sensor, "detects")
     return True if own is None else own(motion)
 
 
 def place_of(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
-    """Return the place (2,) in the map of a sensor that sits at `lever_arm_m` (2,) in the body."""
+    """Return the position (2,) in the map of a sensor at `lever_arm_m` (2,) in the body."""
     (x, y, psi), (ahead, left) = motion.eta, lever_arm_m
     c, s = np.cos(psi), np.sin(psi)
     return np.array([x + c * ahead - s * left, y + s * ahead + c * left])
 
 
 def difference(sensor: Tree, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Return z − expected (m,); a sensor of angles brings its own."""
+    """Return z − expected (m,), by the sensor's method `difference` if it has one."""
     own = optional.of(sensor, "difference")
     return z - expected if own is None else own(z, expected)
 
 
 def mistakes(sensor: Tree, z: np.ndarray) -> np.ndarray:
-    """Return by how much z (m,) is off if the sensor took one thing for another: (k, m), what z lacks then."""
+    """Return the corrections (k, m) of z (m,), one for each object that the sensor may have mistaken for another."""
     own = optional.of(sensor, "mistakes")
     return np.zeros((0, len(z))) if own is None else own(z)
 
 
 def tells_pose(sensor: Tree) -> bool:
-    """Return True for a sensor of place and heading, by which a run may begin anywhere in the map."""
+    """Return True for a sensor of position and heading; with one, a run may begin anywhere in the map."""
     return optional.of(sensor, "difference") is not None and sensor.size >= 3
 
 
 def low_pass_s(sensor: Tree) -> Value:
-    """Return the time constant of the low-pass [s], 0 for a sensor without one."""
+    """Return the time constant of the low-pass [s]; 0 for a sensor without one."""
     return 0.5 / (np.pi * sensor.low_pass_hz) if optional.of(sensor, "has_low_pass") else 0.0
 
 

@@ -1,13 +1,14 @@
-"""Tags on the floor whose places are known: QR codes, RFID tags, crossings of two tapes. A reader passes over them.
+"""Tags on the floor at known positions: QR codes, RFID tags, crossings of two tapes. A reader passes over them.
 
-    h = p + R(ψ) l             the place of the reader, l ahead and to the left of the body's origin      (1)
-    Q = σ² I,   without the offset (σ² + ¼ r²) I                                                          (2)
-    z = h + pᵢ − pⱼ            of a tag j that is taken for another i                                     (3)
+    h = p + R(ψ) l             position of the reader: body's origin p, heading ψ, lever arm l             (1)
+    Q = σ² I,   without the offset (σ² + ¼ r²) I          σ: noise_std, r: radius_m                       (2)
+    z = h + pᵢ − pⱼ            if the tag j is mistaken for the tag i                                     (3)
 
-It reports once each time that a tag is passed within `radius_m`: at the tick in which it is nearest. A camera over a
-QR code measures how far beside the tag it is. A reader without (`sees_offset = false`) reports the place of the tag,
-off by a point of a disc, whose variance is ¼ r² along each axis. An estimator may look for (3), whose shift is known.
-One reader reads any number of tags. Two tags bound position and heading, one the position.
+The reader reports once for each tag that it passes within `radius_m`, at the tick in which the tag is nearest. A camera
+over a QR code measures the offset from the tag. A reader without an offset (`sees_offset = false`) reports the position
+of the tag; its error is a point of a disc, with variance ¼ r² along each axis. An estimator may test for (3), because
+the shift is known. One reader reads any number of tags. Two tags bound the errors of position and heading, one tag only
+that of the position.
 """
 
 from dataclasses import dataclass
@@ -23,25 +24,25 @@ from baqueano.sensors.sampling import place_of
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
-ABEAM = 1e-9  # of the way of a tick: a tag is abeam within the rounding of a place
+ABEAM = 1e-9  # of the way of a tick: tolerance of "abeam", for the rounding of a position
 
 
 class TagsState(NamedTuple):
-    """State of a reader of tags."""
+    """State of a tag reader."""
 
-    before: np.ndarray  # (2,) its place at the tick before [m]
-    ready: Value  # 1.0 once it was beside all tags, until it reads one
+    before: np.ndarray  # (2,) position of the reader at the previous tick [m]
+    ready: Value  # 1.0 after the reader was outside the radius of all tags, until it reads one
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Tags:
-    """z = (x, y) [m], map frame, at the moments when a tag on the floor is passed.
+    """Sensor of z = (x, y) [m], map frame, at the moments when the vehicle passes a tag on the floor.
 
     Parameters
     ----------
     sees_offset : bool
-        True where the reader measures how far beside the tag it is.
+        True if the reader measures its offset from the tag.
 
     Notes
     -----
@@ -56,7 +57,7 @@ class Tags:
 
     size: ClassVar[int] = 2
     noise_size: ClassVar[int] = 2  # unit normals a tick
-    rate_hz: ClassVar[float] = INF  # it answers whenever a tag is passed
+    rate_hz: ClassVar[float] = INF  # it measures whenever a tag is passed
     delay_s: ClassVar[float] = 0.0
 
     points_m: np.ndarray = parameter(
@@ -80,30 +81,33 @@ class Tags:
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (2, 2): the covariance of one measurement.  (2)"""
+        """Return Q (2, 2), the covariance of one measurement.  (2)"""
         if self.measurement_noise_cov is not None:
             return self.measurement_noise_cov
         offset_variance = 0.0 if self.sees_offset else 0.25 * self.radius_m**2
         return np.eye(2) * (self.noise_std**2 + offset_variance)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The place of the reader (2,).  (1)"""
+        """Return the position of the reader (2,).  (1)"""
         return place_of(self.lever_arm_m, motion)
 
     def mistakes(self, z: np.ndarray) -> np.ndarray:
-        """The ways (n, 2) from the tag that z is of to each tag: one that was taken for it stands there.  (3)"""
+        """Return the ways (n, 2) from the tag nearest to z to each tag: the corrections for a mistaken tag.  (3)"""
         far = np.sum((self.points_m - z) ** 2, axis=1)
         is_nearest = np.where(far <= np.min(far), 1.0, 0.0)
         return self.points_m - is_nearest @ self.points_m / np.sum(is_nearest)
 
     def init(self) -> TagsState:
-        """Return a state before any reading; a vehicle that starts on a tag does not read it by leaving."""
+        """Return the state before any reading; a vehicle that starts on a tag does not read it by leaving."""
         return TagsState(np.zeros(2), 0.0)
 
     def step(
         self, state: TagsState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[TagsState, Slot]:
-        """Return its place, or that of the tag, if one was nearest in this tick; `noise` (2,)."""
+        """Return the state, and the position of reader or tag if a tag was nearest in this tick.
+
+        `noise` (2,) are unit normals.
+        """
         place = self.h(motion)
         way, before, now = place - state.before, state.before - self.points_m, place - self.points_m  # (n, 2)
         cross_product = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way

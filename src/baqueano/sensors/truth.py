@@ -1,4 +1,4 @@
-"""A perfect sensor of (η, ν), which no vehicle has; `estimators.KnownState` believes it."""
+"""A perfect sensor of (η, ν), for simulations only; `estimators.KnownState` uses it."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from baqueano.signals import Motion, Slot, sensor_slots
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """z = (η, ν), (6,), at every tick, without noise or delay: a sensor that exists in simulation only.
+    """Perfect sensor of z = (η, ν) (6,) at every tick, without noise or delay, for simulations only.
 
     Parameters
     ----------
@@ -36,11 +36,11 @@ class Truth:
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (6, 6): zero."""
+        """Return Q (6, 6), a matrix of zeros."""
         return np.zeros((6, 6))
 
     def h(self, motion: Motion) -> np.ndarray:
-        """(η, ν), (6,)."""
+        """Return (η, ν) (6,)."""
         return np.concatenate([motion.eta, motion.nu])
 
     def init(self) -> tuple[()]:
@@ -50,10 +50,10 @@ class Truth:
     def step(
         self, state: tuple[()], motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[tuple[()], Slot]:
-        """The truth at the end of the tick."""
+        """Return the true (η, ν) at the end of the tick."""
         return state, Slot(1.0, self.h(motion))
 
 
 def truth_sensor() -> SensorBlocks:
-    """The sensors of a vehicle that knows its state."""
+    """Return the sensors of a simulated vehicle that measures its true state."""
     return sensor_slots(("truth",))(Truth())

@@ -1,10 +1,11 @@
-"""Sensors of the wheels' speed, for a vehicle with encoders; the paper's is without.
+"""Sensors of the speed of the wheels, for a vehicle with encoders. The vehicle of the paper does not have them.
 
     wheels      v_l = s_l (ν_x − ν_ψ b/2),   v_r = s_r (ν_x + ν_ψ b/2)        b the track                 (1)
     odometer    v = s ν_x                                                                                 (2)
 
-s is the scale: a wheel that is smaller than believed turns faster and reads more. On a floor it is not constant, for
-wheels slip and their radius follows the load: `slip_std` is the part of s that comes and goes within `slip_fade_s`.
+ν_x is the speed, ν_ψ the yaw rate, s the scale: a wheel smaller than its stated size turns faster and reads more. On a
+floor s is not constant, because wheels slip and their radius depends on the load. `slip_std` is the changing part of s,
+which fades within `slip_fade_s`.
 """
 
 from dataclasses import dataclass
@@ -17,11 +18,11 @@ from baqueano.parameter import documented, parameter
 from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
-SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel on a hard floor that pulls gently
+SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel with gentle traction on a hard floor
 
 
 def track() -> Any:
-    """Return the parameter b [m] of two wheels."""
+    """Return the parameter b [m], the distance between two wheels."""
     return parameter(
         "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
         shown_by="turns whose angle is known", symbol="b_{t}",
@@ -29,7 +30,7 @@ def track() -> Any:
 
 
 def radii() -> Any:
-    """Return the parameter (s_l, s_r) (2,) of two wheels."""
+    """Return the parameter (s_l, s_r) (2,), the scales of two wheels."""
     return parameter(
         "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
         role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
@@ -43,21 +44,21 @@ def std_of_scale() -> Any:
 
 
 def slip() -> Any:
-    """Return the parameter of the part of a wheel's speed that comes and goes."""
+    """Return the parameter for the slip of a wheel, the changing part of its scale."""
     return parameter(
         "1", "by which part a wheel slips, rms: what comes and goes", low=0.0, high=1.0, default=SLIP_STD, role="noise"
     )  # fmt: skip
 
 
 def fade() -> Any:
-    """Return the parameter of the time [s] over which slip fades."""
+    """Return the parameter for the time [s] over which slip fades."""
     return parameter("s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise")
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Wheels(SampledSensor):
-    """z = (v_l, v_r) [m/s], the speed at which the left and the right wheel roll.
+    """Sensor of z = (v_l, v_r) [m/s], the speeds at which the left and the right wheel roll.
 
     Parameters
     ----------
@@ -94,14 +95,14 @@ class Wheels(SampledSensor):
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The noise-free measurement (2,).  (1)"""
+        """Return the measurement (2,) without noise.  (1)"""
         return rolling(self, motion)
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometer(SampledSensor):
-    """z = (v,) [m/s], the forward speed.
+    """Sensor of z = (v,) [m/s], the forward speed.
 
     Parameters
     ----------
@@ -141,11 +142,11 @@ class Odometer(SampledSensor):
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The noise-free measurement (1,).  (2)"""
+        """Return the measurement (1,) without noise.  (2)"""
         return np.array([self.scale * motion.nu[0]])
 
 
 def rolling(sensor: Tree, motion: Motion) -> np.ndarray:
-    """Return the speed (2,) that wheels with `track_m` and `radius_scale` show.  (1)"""
+    """Return the speeds (2,) that wheels with `track_m` and `radius_scale` measure.  (1)"""
     across = 0.5 * sensor.track_m * motion.nu[2]
     return sensor.radius_scale * np.array([motion.nu[0] - across, motion.nu[0] + across])

@@ -1,8 +1,9 @@
-"""Vehicle file → run: one vehicle or ten thousand, driven by a signal or by the blocks of its loop.
+"""Simulate a vehicle file and return the run: one vehicle or ten thousand, driven by a signal or by the blocks of the
+loop.
 
 simulate(vehicle, u)               # a signal, one kernel over the whole run
 simulate_loop(vehicle, route)      # estimator, guide, controller, supervisor and vehicle, one kernel
-simulate_many(vehicle, u, 10_000)  # other parameters in each
+simulate_many(vehicle, u, 10_000)  # each with other parameters
 """
 
 from baqueano.simulate.closed_loop import simulate_loop, simulate_loops

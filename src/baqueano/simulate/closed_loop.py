@@ -1,9 +1,9 @@
-"""Blocks and a simulated vehicle in one kernel: the loop of loop.py, no line of it written again.
+"""Simulate blocks and a vehicle in one kernel, with the loop of loop.py itself.
 
-    state, (record, truth) = advance(system, δ, state, (t, noise))          system.py                     (1)
+  state, (record, truth) = advance(system, δ, state, (t, noise))          system.py                     (1)
 
-It is the loop that `drive` runs tick by tick over a simulated world: the command of one tick is in force in
-the next. Here it is traced once, so that a lap costs a millisecond, and a gradient through it little more.
+It is the loop that `drive` runs tick by tick over a simulated world: the command of one tick is in force in the next.
+Here it is traced once, so that a lap takes a millisecond, and a gradient through it little more.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -36,7 +36,7 @@ from baqueano.symbolic.scan import Scan
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then is one that never is
+LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then counts as never done
 
 
 def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int = 0, **options: Any) -> Run:
@@ -47,9 +47,9 @@ def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int =
     vehicle_file : VehicleFile
         The vehicle and its blocks.
     route : Route or guide
-        What to follow.
+        Route or guide to follow.
     seed : int
-        Of the noise.
+        Seed of the noise.
     **options : object
         Keywords of `simulate_loops`.
 
@@ -90,21 +90,21 @@ def simulate_loops(
     vehicle_file : VehicleFile
         The vehicle and its blocks.
     route : Route or guide
-        What to follow.
+        Route or guide to follow.
     seeds : iterable of int
-        Of the noise, one per run.
+        Seeds of the noise, one per run.
     laps : int
         Laps of a closed route.
     duration_s : float, optional
-        Duration of each run, else until the guide is done.
+        Duration of each run; by default until the guide is done.
     perfect : bool
         True: the pose is known, and no estimator is in the loop.
     eta0 : ndarray (3,), optional [m, m, rad]
-        Pose at the start in the map, else where the route begins; the estimator gets it too.
+        Pose at the start in the map; by default the start of the route. The estimator gets it too.
     controller : block, optional
         In place of the file's.
     noise : bool
-        False: vehicle and sensors are perfect.
+        False: without noise of vehicle and sensors.
     name : str
         Name of the runs.
     backend : str
@@ -118,7 +118,7 @@ def simulate_loops(
     Raises
     ------
     UsageError
-        For a guide that is never done, without `duration_s`.
+        If the guide is never done and `duration_s` is missing.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def closed(
     perfect: bool = False,
     controller: Controller | None = None,
 ) -> System:
-    """All blocks of the file, to repeat `route`; another `controller`, if one is given."""
+    """Return the system of all blocks of the file that repeats `route`, with `controller` if one is given."""
     guide = with_laps(route if isinstance(route, Guide) else vehicle_file.guide(route), laps)
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
@@ -170,7 +170,8 @@ def closed_loop(
 ) -> Scan:
     """Return the compiled closed loop (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
 
-    With `paths` into the system it takes the numbers there as θ. UsageError for a block that nothing compiles.
+    With `paths` into the system, the kernel takes the numbers at these paths as θ. Raise UsageError for a block that
+    cannot be compiled.
     """
     if chosen(backend) != "numpy":
         compilable(**system.blocks._asdict())
@@ -191,7 +192,7 @@ def closed_loop(
 
 
 def compilable(**blocks: Tree) -> None:
-    """Raise UsageError, with what to type, for a block of a room whose step is never compiled."""
+    """Raise UsageError, with a command that works, for a block whose step is never compiled."""
     for room, block in blocks.items():
         if optional.of(block, "as_written"):
             command = typed("repeat", "ROUTE", *(f"--{room}", "KIND"))
@@ -199,7 +200,7 @@ def compilable(**blocks: Tree) -> None:
 
 
 def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:
-    """The run that N ticks of LoopOutput amount to."""
+    """Return the run of N ticks of LoopOutput."""
     record, truth = output.record, output.truth
     est, ref = record.estimate, record.reference
     return Run(
@@ -218,12 +219,15 @@ def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> 
 
 
 def start_of(system: System) -> np.ndarray:
-    """The pose (3,) that the guide asks for first."""
+    """Return the first pose (3,) of the guide's reference."""
     return np.array(references_of(system, [0])[0].eta, dtype=float)
 
 
 def lasting(system: System) -> float:
-    """Return the time from the first tick to the end of the reference [s], for any motion of the vehicle."""
+    """Return the time from the first tick to the end of the reference [s], for a vehicle at rest.
+
+    Raise UsageError if the guide is not done within LONGEST_NS.
+    """
     low, high = -1, LONGEST_NS
     if not _is_over(system, high):
         raise UsageError(fault("simulate.never-done"))
@@ -234,7 +238,7 @@ def lasting(system: System) -> float:
 
 
 def ticks_of(system: System, rate_hz: float) -> int:
-    """Ticks until the guide is done, that one included."""
+    """Return the number of ticks until the guide is done, including that tick."""
     return int(np.ceil(lasting(system) * rate_hz - 1e-6)) + 1
 
 
@@ -243,7 +247,7 @@ def _is_over(system: System, t_ns: int) -> bool:
 
 
 def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
-    """The references of a fresh guide for a vehicle at rest at the origin."""
+    """Return the references of a new guide at these times, for a vehicle at rest at the origin."""
     state, out = system.guide.init(), []
     for t_ns in times_ns:
         resting = Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
@@ -253,7 +257,7 @@ def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
 
 
 def _stop_event(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
-    """A line that says why the supervisor stopped the vehicle, if it did."""
+    """Return the event with the reason of the supervisor's stop, or () if it did not stop the vehicle."""
     code = round(float(getattr(supervisor, "reason", 0.0)))
     if not 0 < code < len(REASONS):
         return ()

@@ -1,9 +1,9 @@
-"""Thousands of vehicles at once: the same signal, other parameters, many side by side in one kernel.
+"""Simulate thousands of vehicles: the same signal, other parameters, many side by side in one kernel.
 
-    x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_k),   l = 1 … L                                       (1)
+  x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_k),   l = 1 … L                                       (1)
 
-Every θ_l is drawn from the covariance of the file's fit, or given. What is kept is the pose and velocity at
-`every_s`; the vehicles run in chunks, so that their noise fits into memory. The kernel uses all processors.
+Every θ_l is drawn from the covariance of the file's fit, or given. Pose and velocity are stored each `every_s`. The
+vehicles run in batches, so that their noise fits into memory. The kernel uses all processors.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ NOISE_BYTES = 2**26  # of unit normals held at a time
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Ensemble(Result):
-    """L vehicles at K times.
+    """The simulated motion of L vehicles at K times.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Ensemble(Result):
     clipped : int
         Vehicles with a drawn parameter that was set to its bound.
     backend : str
-        Of the kernel.
+        Back end of the kernel.
     outside : tuple of Diagnostic
         Commands that leave the envelope of the fit.
 
@@ -118,12 +118,12 @@ class Ensemble(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """DONE, or WARN with reasons."""
+        """Return DONE, or WARN with reasons."""
         return Verdict.WARN if self.reasons else Verdict.DONE
 
     @property
     def reasons(self) -> tuple[Diagnostic | str, ...]:
-        """Return what went wrong with some of the vehicles."""
+        """Return warnings: commands outside the envelope, diverged vehicles, and clipped parameters."""
         lost_count, vehicles = int(np.sum(~self._finite)), len(self.theta)
         messages: list[Diagnostic | str] = list(self.outside)
         if lost_count:
@@ -160,15 +160,15 @@ def simulate_many(
     u : array_like (N, n) [unit of the file's [command]]
         The commands, one per tick.
     vehicles : int, optional
-        Number of draws from the covariance of the file's fit, where `vary` is not given.
+        Number of draws from the covariance of the file's fit, if `vary` is not given.
     vary : dict of array_like, optional
         Values by dotted key: {"model.mass_kg": (L,), "model.friction.linear": (L, 3)}.
     seed : int
-        Of the draws and of the noise.
+        Seed of the draws and of the noise.
     process_noise : bool
-        True: each vehicle has process noise of its own.
+        True: each vehicle has separate process noise.
     every_s : float, optional
-        Keep poses and velocities at this period, else at the end alone.
+        Keep poses and velocities at this period; by default only at the end.
     eta0 : ndarray (3,), optional [m, m, rad]
         Pose at the start in the map; the vehicles begin at rest.
     backend : str
@@ -182,7 +182,7 @@ def simulate_many(
     Raises
     ------
     UsageError
-        For what `simulate` refuses, a row too few, a file without a covariance.
+        For an input that `simulate` refuses, a wrong number of values in `vary`, or a file without a covariance.
 
     Notes
     -----
@@ -248,7 +248,7 @@ def lanes_kernel(
 def given(
     system: System, vary: Mapping[str, ArrayLike], vehicles: int | None
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """The paths and θ (L, p) of `vary`."""
+    """Return the paths and θ (L, p) of `vary`. Raise UsageError for a wrong shape or count."""
     columns, count = [], vehicles
     for path, values in vary.items():
         shape = value(system, path).shape
@@ -272,7 +272,10 @@ def given(
 def drawn(
     vehicle_file: "VehicleFile", system: System, vehicles: int | None, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray, int]:
-    """θ (L, p) of the model from the covariance of the fit, and how many were brought back to a bound."""
+    """Return the paths, θ (L, p) drawn from the covariance of the fit, and the number of vehicles that were clipped.
+
+    Raise UsageError for a file without a covariance of the model.
+    """
     fit = vehicle_file.parameter_cov
     own = [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
     if fit is None or not own:
@@ -290,7 +293,7 @@ def drawn(
 
 
 def bounds(system: System, path: str) -> tuple[float, float]:
-    """The allowed range of a parameter, as its field says."""
+    """Return the allowed range of a parameter from its field, (−∞, ∞) without one."""
     parent, _, name = path.rpartition(".")
     block = get(system, parent)
     field = dict(parameters(block)).get(name.partition("[")[0]) if is_dataclass(block) else None
@@ -298,7 +301,7 @@ def bounds(system: System, path: str) -> tuple[float, float]:
 
 
 def _chunks(vehicles: int, process_noise: bool, ticks: int) -> list[slice]:
-    """Rows of θ for each call of the kernel, which runs `ticks` ticks."""
+    """Return the rows of θ for each call of the kernel, which runs `ticks` ticks."""
     size = max(8, min(CHUNK, NOISE_BYTES // (24 * ticks))) if process_noise else CHUNK
     return [slice(i, min(i + size, vehicles)) for i in range(0, vehicles, size)]
 
@@ -311,7 +314,7 @@ def _drive(
     ends: list[int],
     rngs: "list[np.random.Generator]",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Poses and velocities (l, K, 3) of some of the vehicles at the ends of the pieces."""
+    """Return poses and velocities (l, K, 3) of a batch of vehicles at the ends of the segments."""
     eta, nu, state, begin = [], [], start, 0
     for end in ends:
         noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None

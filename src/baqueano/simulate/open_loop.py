@@ -1,11 +1,11 @@
-"""A vehicle file and a signal → a run: the vehicle, its process noise and its sensors in one kernel.
+"""Simulate a vehicle file under a signal: the vehicle, its process noise and its sensors in one kernel.
 
-    x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
+  x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
 
-Tick k ends at (k + 1) δ and is driven by u_k. With the same seed tick k has the noise of tick k of the
-simulated world. Adding a sensor changes no other's: each name has its stream (worlds/noise.py).
-A kernel is made once for a vehicle and a rate, and kept. A tick that is too long for the integrator (vehicles/rk4.py)
-is cut into rows, as in a fit, each with noise of its own; of what a sensor measures in it the last counts.
+Tick k ends at (k + 1) δ and is driven by u_k. With the same seed, tick k has the noise of tick k of the simulated
+world. Adding a sensor does not change the others, as each name has its stream (worlds/noise.py). A kernel is built once
+for a vehicle and a rate, and cached. A tick that is too long for the integrator (vehicles/rk4.py) is divided into rows,
+as in a fit, each with separate noise; the last measurement of a sensor in it counts.
 """
 
 from dataclasses import replace
@@ -40,7 +40,7 @@ class OpenLoopState(NamedTuple):
     """The inputs of a tick."""
 
     u: np.ndarray  # (n,) the command
-    noise: DrawnNoise | None  # unit normals; None: no noise at all
+    noise: DrawnNoise | None  # unit normals; None: without noise
 
 
 class Readings(NamedTuple):
@@ -71,15 +71,15 @@ def simulate(
     u : array_like (N, n) [unit of the file's [command]]
         The commands.
     seed : int
-        Of the noise; the same seed gives the same run.
+        Seed of the noise; the same seed gives the same run.
     rate_hz : float, optional
-        Ticks a second, else the file's.
+        Ticks a second; by default the file's.
     eta0 : ndarray (3,), optional [m, m, rad]
-        Pose at the start in the map, else the origin.
+        Pose at the start in the map; by default the origin.
     nu0 : ndarray (3,), optional [m/s, m/s, rad/s]
-        Velocity at the start in the body frame, else zero.
+        Velocity at the start in the body frame; by default zero.
     noise : bool
-        False: vehicle and sensors are perfect, biases and delays apart.
+        False: vehicle and sensors are perfect, except for biases and delays.
     name : str
         Name of the run.
     backend : str
@@ -93,7 +93,7 @@ def simulate(
     Raises
     ------
     UsageError
-        For another shape, a number that is not finite, a command beyond the file's limit.
+        For a wrong shape, a number that is not finite, or a command beyond the file's limit.
 
     Notes
     -----
@@ -139,7 +139,7 @@ def simulate(
 
 
 def _ticks_of(vehicle_file: "VehicleFile", run: Run, rows: int, rate_hz: float) -> Run:
-    """Return a run of `rows` rows a tick as one of ticks."""
+    """Return a run with `rows` rows per tick as a run with one row per tick."""
     assert run.truth is not None
     end = slice(rows - 1, None, rows)
     t_ns = times(len(run.t_ns) // rows, rate_hz)
@@ -159,7 +159,7 @@ def _ticks_of(vehicle_file: "VehicleFile", run: Run, rows: int, rate_hz: float) 
 
 
 def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
-    """Return an event for each command and measurement that leaves what the fit of the file saw."""
+    """Return an event for each command and measurement outside the envelope of the file's fit."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
     return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(flag), flag) for flag in flags)
 
@@ -168,7 +168,7 @@ def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """Return the compiled open loop (1): a `scan` over Driven, WorldState → Readings."""
+    """Return the compiled open loop (1): a `scan` over OpenLoopState, WorldState → Readings."""
     dt_s = 1.0 / rate_hz
 
     def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Readings]:
@@ -181,7 +181,7 @@ def open_loop(
 
 
 def draw(sensors: SensorBlocks, seed: int, ticks: int) -> DrawnNoise:
-    """Unit normals for `ticks` ticks, leading axis (ticks,): a stream for the vehicle, one per sensor."""
+    """Return unit normals for `ticks` ticks, leading axis (ticks,): a stream for the vehicle, one per sensor."""
     sensors_by_name = zip(sensors._fields, sensors, strict=True)
     each = tuple(
         unit_normals(seed, f"sensor.{name}", ticks, sensor.noise_size) for name, sensor in sensors_by_name
@@ -190,12 +190,12 @@ def draw(sensors: SensorBlocks, seed: int, ticks: int) -> DrawnNoise:
 
 
 def times(ticks: int, rate_hz: float) -> np.ndarray:
-    """The ends of the ticks (N,) [ns]: whole multiples of the period, rounded each by itself."""
+    """Return the ends of the ticks (N,) [ns]: whole multiples of the period, each rounded separately."""
     return np.round(np.arange(1, ticks + 1) * NANOSECONDS / rate_hz).astype(np.int64)
 
 
 def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
-    """The measurements among the slots of N ticks, as they arrived."""
+    """Return the measurements in the slots of N ticks, with the times of their arrival."""
     out = {}
     for name, slot in zip(slots._fields, slots, strict=True):
         came = slot.has > 0.5
@@ -219,7 +219,7 @@ def metadata(
 
 
 def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
-    """`u` as (N, n) floats, or UsageError: its shape, a NaN, a command beyond the limit."""
+    """Return `u` as (N, n) floats. Raise UsageError for a wrong shape, a NaN, or a command beyond the limit."""
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != len(names) or not len(u):

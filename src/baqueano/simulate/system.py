@@ -1,8 +1,9 @@
-"""A vehicle, its sensors and the blocks of its loop as one tree of parameters, and one tick of all of them.
+"""Combine a vehicle, its sensors and the blocks of its loop into one tree of parameters, and advance all of them by a
+tick.
 
-The fields bear the names of the tables of the vehicle file. So a path of the file ("model.friction.linear",
-"sensors.imu.gyro_bias", "controller.alpha") is a path into the tree. `varied` puts a flat vector θ in their place:
-paths in their order, arrays row by row.
+The fields have the names of the tables of the vehicle file. A path of the file ("model.friction.linear",
+"sensors.imu.gyro_bias", "controller.alpha") is therefore a path into the tree. `varied` replaces the numbers at some
+paths by a flat vector θ: paths in their order, arrays row by row.
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from baqueano.worlds.simulated import DrawnNoise, WorldState
 
 
 class System(NamedTuple):
-    """All blocks, by the tables of the vehicle file; None where a simulation lacks such a block."""
+    """All blocks, by the tables of the vehicle file; None if a simulation lacks such a block."""
 
     model: Vehicle
     sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
@@ -34,7 +35,7 @@ class System(NamedTuple):
 
     @property
     def blocks(self) -> loop.Blocks:
-        """The four of the loop."""
+        """Return the four blocks of the loop."""
         return loop.Blocks(self.estimator, self.guide, self.controller, self.supervisor)
 
 
@@ -42,7 +43,7 @@ class Input(NamedTuple):
     """The inputs of a tick of a loop."""
 
     t_ns: Value  # the end of the tick, int; (N,) for a whole run
-    noise: DrawnNoise | None  # unit normals; None: no noise at all
+    noise: DrawnNoise | None  # unit normals; None: without noise
 
 
 class SystemState(NamedTuple):
@@ -61,18 +62,18 @@ class LoopOutput(NamedTuple):
 
 
 def quiet(sensors: SensorBlocks) -> DrawnNoise:
-    """Zeros in place of unit normals; constants, so that all noise folds away."""
+    """Return zeros in place of unit normals, as constants, so that tracing removes the noise."""
     return DrawnNoise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
 
 def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
-    """Return the state at rest at the pose `eta0` (3,), which the estimator has too."""
+    """Return the state at rest at the pose `eta0` (3,), which is also the start of the estimator."""
     world = world_init(system.model, system.sensors, eta0)
     return SystemState(world, loop.init(system.blocks, eta0), np.zeros(system.model.commands))
 
 
 def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
-    """Advance the world by a tick under the command in force, then the loop: pure."""
+    """Advance the world by a tick under the command in force, then the loop; this is a pure function."""
     noise = quiet(system.sensors) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
@@ -80,12 +81,12 @@ def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[
 
 
 def sizes(system: System, paths: Sequence[str]) -> list[int]:
-    """Return the count of numbers at each path."""
+    """Return the number of values at each path."""
     return [np.size(value(system, path)) for path in paths]
 
 
 def value(system: System, path: str) -> np.ndarray:
-    """The number or array at `path`, as it is now."""
+    """Return the present number or array at `path`. Raise UsageError for a path without a number."""
     try:
         array = np.asarray(get(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
@@ -94,12 +95,12 @@ def value(system: System, path: str) -> np.ndarray:
 
 
 def flat(system: System, paths: Sequence[str]) -> np.ndarray:
-    """θ (p,) of the system as it is."""
+    """Return θ (p,), the present values at `paths`."""
     return np.concatenate([value(system, path).ravel() for path in paths]) if paths else np.zeros(0)
 
 
 def labels(system: System, paths: Sequence[str]) -> list[str]:
-    """A name for each number of θ: "model.friction.linear[0]"."""
+    """Return a name for each number of θ: "model.friction.linear[0]"."""
     out = []
     for path in paths:
         shape = value(system, path).shape
@@ -109,7 +110,7 @@ def labels(system: System, paths: Sequence[str]) -> list[str]:
 
 
 def varied(system: System, paths: Sequence[str], theta: Tree) -> System:
-    """The system with θ (p,) at `paths`; θ may be traced. No range is checked here."""
+    """Return the system with θ (p,) at `paths`; θ may be traced. Ranges are not checked here."""
     at = 0
     for path in paths:
         shape = value(system, path).shape

@@ -1,1 +1,1 @@
-"""The demo, the paper's case studies, and the judgement of real recordings: each a command with a verdict."""
+"""The demo, the paper's case studies, and the evaluation on real recordings: each a command with a verdict."""

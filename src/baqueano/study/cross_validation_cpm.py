@@ -1,15 +1,14 @@
-"""Judged by recordings: a real car of 1:18 (CPM Lab µCar) that was driven twice, under an overhead camera.
+"""Cross-validate the model on recordings of a real 1:18 car (CPM Lab µCar), driven twice under an overhead camera.
 
-A model is fitted to one run (throttle, servo → speed, yaw rate) and judged on the other one, both ways round:
-
-    speed, yaw rate   the model from the commands alone, from the first tick to the last, against the
+A model is fitted to one run (throttle, servo → speed, yaw rate) and evaluated on the other one, in both directions:
+    speed, yaw rate   the model from the commands only, from the first tick to the last, against the
                       odometer and the gyro of the run
     pose              the EKF with this model, IMU and odometer, from the camera's first pose on, against the
                       camera; nothing on board measures a position
 
-The same on the run that the model was fitted to stands beside it. Not held out are the scales of odometer and
-gyro, the gyro's bias and the delay: they are the garage's, read off these recordings. The recordings do not
-come with the package: they are read from the folder BAQUEANO_DATA, else from ../shared/data.
+The table also shows the run that the model was fitted to. Not held out are the scales of odometer and gyro, the gyro's
+bias and the delay: they are the garage's values, taken from these recordings. The recordings do not come with the
+package: they are read from the folder BAQUEANO_DATA, else from ../shared/data.
 """
 
 from collections.abc import Callable
@@ -38,9 +37,9 @@ if TYPE_CHECKING:
 
 SHORT = {"cpm_run_a": "a", "cpm_run_b": "b"}
 USE = ("odometer", "imu[2]")
-EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that the model has not seen
-BEYOND = 0.1  # of the range of a command: further out, a model is asked what it has not seen
-LOST = 0.05  # of the way driven: an estimate that is further off (rms) has lost the car
+EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that was not used for the fit
+BEYOND = 0.1  # of the range of a command: farther out the model extrapolates
+LOST = 0.05  # of the distance driven: an estimate with a larger rms error has lost the car
 CAVEATS = (
     N_("The model is simulated from the commands alone, from the first tick to the last."),
     N_(
@@ -50,7 +49,7 @@ CAVEATS = (
 
 
 class RunPrediction(NamedTuple):
-    """Speed and yaw rate of a run by a model that sees the commands alone."""
+    """Speed and yaw rate of a run, predicted by a model from the commands only."""
 
     t_s: np.ndarray  # (N,)
     measured: np.ndarray  # (N, 2) odometer [m/s] and gyro [rad/s]; NaN where there was none
@@ -58,18 +57,18 @@ class RunPrediction(NamedTuple):
 
     @property
     def rmse(self) -> np.ndarray:
-        """(2,)."""
+        """Return the rms error (2,) of speed [m/s] and yaw rate [rad/s]."""
         return np.sqrt(np.nanmean((self.measured - self.model) ** 2, axis=0))
 
     @property
     def explained(self) -> np.ndarray:
-        """(2,) part of the variance."""
+        """Return the explained part (2,) of the variance of speed and yaw rate."""
         return 1.0 - self.rmse**2 / np.nanvar(self.measured, axis=0)
 
 
 @dataclass(frozen=True)
 class RunFit:
-    """The results of a run."""
+    """The fit to a run, its noise, and the vehicle file from both."""
 
     fit: Fit
     noise: Noise
@@ -78,7 +77,7 @@ class RunFit:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A model on a run."""
+    """The evaluation of a model on a run."""
 
     fitted_on: str
     judged_on: str
@@ -98,7 +97,7 @@ class Judgement:
         return not self.figures["ate_m"] < LOST * self.driven_m or bool(stop_of(self.replayed))
 
     def row(self) -> "JsonObject":
-        """Flat, SI."""
+        """Return a flat row in SI units."""
         rmse, part, figures = self.predicted.rmse, self.predicted.explained, self.figures
         row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
         row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(part[0])}
@@ -111,7 +110,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Both ways round."""
+    """The fits to both runs, and the evaluations in both directions."""
 
     fitted: dict[str, RunFit]  # by run
     judged: tuple[Judgement, ...]
@@ -141,7 +140,7 @@ class CrossValidation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return where a run commands more than the runs of its model."""
+        """Return a sentence for each command of a run that exceeds the range of the model's run."""
         out, applied = [], {judgement.judged_on: judgement.replayed.applied for judgement in self.judged}
         for judgement in self.judged if len(applied) > 1 else ():
             names = self.fitted[judgement.fitted_on].file.command.names
@@ -166,7 +165,7 @@ class CrossValidation:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the reasons against USABLE."""
+        """Return the reasons why the verdict is not USABLE."""
         out = [_("the fit on {run} is {verdict}", run=run, verdict=_(fitted_run.fit.verdict)) 
                for run, fitted_run in self.fitted.items() if fitted_run.fit.verdict != Verdict.USABLE]  # fmt: skip
         for judgement in self.judged:
@@ -195,14 +194,14 @@ class CrossValidation:
 
     @property
     def verdict(self) -> Verdict:
-        """REFUSED where a fit is, or an estimate lost the car; WARN with other reasons; else USABLE."""
+        """Return REFUSED if a fit is refused or an estimate lost the car, WARN with other reasons, else USABLE."""
         is_refused = any(fitted_run.fit.verdict == Verdict.REFUSED for fitted_run in self.fitted.values())
         if is_refused or any(judgement.lost for judgement in self.judged):
             return Verdict.REFUSED
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the parameters, the figures and the verdict as a text table."""
         runs = list(self.fitted)
         lines = [
             f"{_('parameter'):30}"
@@ -242,7 +241,7 @@ _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
 def cross_validate(
     backend: str = "auto", say: Callable[[str], object] = lambda text: None
 ) -> CrossValidation:
-    """Fits the car to each run and judges it on both. FileError, with the names, where files are missing."""
+    """Fit the car to each run and evaluate it on both. Raise FileError with the names of missing files."""
     check_present()
     runs = {SHORT[name]: import_run(name).run for name in MAPS}
     fitted = {}
@@ -258,14 +257,14 @@ def cross_validate(
 
 
 def fit_to(run: "Run", backend: str = "auto") -> RunFit:
-    """The garage's car fitted to a run by odometer and gyro, with the noise that the run shows."""
+    """Return the garage's car fitted to a run by odometer and gyro, with the noise measured in the run."""
     fit = identify(run, load("car"), use=USE, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
     return RunFit(fit, noise, noise.updated(fit.vehicle_file, run.name))
 
 
 def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
-    """A vehicle file on a run: its model from the commands alone, its filter from the camera's first pose."""
+    """Evaluate a vehicle file on a run: its model from the commands, its filter from the camera's first pose."""
     replay_run = replay(run, file, backend=backend)
     figures = compare(replay_run, names=[judged_on]).rows()[0]
     assert run.truth is not None
@@ -274,14 +273,14 @@ def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend
 
 
 def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
-    """Speed and yaw rate by the model of `file` under the commands of `run`, from the velocity that was
-    measured first."""
+    """Predict speed and yaw rate by the model of `file` under the commands of `run`, from the first measured
+    velocity."""
     odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
     record = record_of(run, {"odometer": odometer, "imu": imu})
     v = _first(record, "odometer", 0) / odometer.scale
     r = (_first(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
-    past = np.tile(record.u[0], (len(start.drivetrain.past), 1))  # a car that moves was commanded before
+    past = np.tile(record.u[0], (len(start.drivetrain.past), 1))  # a moving car has had a command before
     start = start._replace(drivetrain=start.drivetrain._replace(past=past))
 
     def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
@@ -296,7 +295,7 @@ def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPredic
 
 
 def _first(record: FitRecord, sensor: str, entry: int) -> float:
-    """The first measurement of a channel."""
+    """Return the first measurement of a channel."""
     readings = record.sensors[sensor]
     return float(readings.z[np.argmax(readings.has[:, entry] > 0.0), entry])
 

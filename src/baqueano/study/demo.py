@@ -1,8 +1,8 @@
-"""The whole methodology in one go, on the simulated small vehicle, whose truth only the last table sees.
+"""The whole method in one run, on the simulated small vehicle; only the last table uses its truth.
 
     experiment → identify → noise → tune → teach → repeat 3 laps → report
 
-The vehicle file that it begins with is a rough guess: no friction is right, no bias is known.
+The initial vehicle file is a rough guess: its friction is wrong, and its biases are unknown.
 """
 
 from collections.abc import Callable
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from baqueano.runs import Run
 
 LAPS, EXPERIMENT = 3, "1-experiment.mcap"
-GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet
+GUESS = {  # the guess of a user with a scale and a tape measure, without a data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
     "model.friction.quadratic": [0.3, 0.0, 0.0001],
@@ -57,13 +57,15 @@ GUESS = {  # what a person would write who has a scale, a tape measure and no da
 GAINS = {
     name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
 }
-STAGES_S = 15.0, 30.0  # of the experiment, before the whole of it: the fits of the moving picture
-SCALE = 1.015  # of the gyro in truth: nothing on board tells it, and its data sheet allows twice that
+STAGES_S = 15.0, 30.0  # of the experiment: the fits of the animation before the complete one
+SCALE = (
+    1.015  # of the gyro in truth: no sensor on board shows it, and its data sheet allows twice that deviation
+)
 
 
 @dataclass(frozen=True)
 class Demo:
-    """The results of the demo."""
+    """The results of the demo: truth, fit, noise, tuned gains, repeated drive and comparison."""
 
     truth: VehicleFile
     fit: Fit
@@ -75,7 +77,7 @@ class Demo:
 
     @property
     def true_values(self) -> np.ndarray:
-        """(p,) truth of the fitted parameters; of T as the wheels' unequal gains make it."""
+        """Return the true values (p,) of the fitted parameters; T includes the unequal gains of the wheels."""
         wheels = self.truth.vehicle.drivetrain
         wrench = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
         T = self.truth.vehicle.actuator_matrix @ wrench
@@ -83,7 +85,7 @@ class Demo:
         return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
 
     def rows(self) -> list["TableRow"]:
-        """Return a row per parameter: estimate, sd, truth, their distance in sd, and a verdict."""
+        """Return a row per parameter: estimate, sd, truth, their difference in sd, and a verdict."""
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
             z = None if row["estimate"] is None or not row["sd"] else (row["estimate"] - truth) / row["sd"]
@@ -93,11 +95,11 @@ class Demo:
 
     @property
     def verdict(self) -> Verdict:
-        """The fit's verdict, STOPPED if the vehicle was stopped."""
+        """Return STOPPED if the vehicle was stopped, else the verdict of the fit."""
         return Verdict.STOPPED if stop_of(self.repeated) else self.fit.verdict
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the parameters and a summary as a text table."""
         head = f"{_('parameter'):<34} {_('estimate'):>11} {_('± sd'):>9} {_('truth'):>9}  {_('verdict')}"
         lines = [head, "-" * len(head)]
         for row in self.rows():
@@ -119,7 +121,7 @@ class Demo:
         return "\n".join(lines)
 
     def _summary(self) -> list[str]:
-        """Return a line each of gains, laps, speed, filter, corridor and verdict."""
+        """Return one line each for gains, laps, speed, filter, corridor and verdict."""
         figures, corridor = self.judged.rows()[0], self.judged.runs[0].corridor
         gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuned.values.items())
         lines = {
@@ -151,7 +153,7 @@ class Demo:
         return [f"{label:{wide}} {line}" for label, line in lines.items()]
 
     def animation(self, backend: str = "auto") -> str:
-        """Return the moving picture: the intervals narrow as data come in, and the taught path is driven again."""
+        """Return the animation: the intervals narrow as data arrive, and the taught path is driven again."""
         labels = {
             "model.actuator_matrix[0,0]": _("motor force"),
             "model.friction.linear[0]": _("viscous friction"),
@@ -167,7 +169,7 @@ class Demo:
         return animation(scene(self.repeated), stages, list(labels.values()))
 
     def page(self) -> Page:
-        """Return the report."""
+        """Return the report page of the demo."""
         figures = self.judged.rows()[0]
         text = _(
             "The taught path, driven again {laps} times with IMU and model only. Nothing on "
@@ -214,8 +216,8 @@ def demo(
     show: Callable[[Path], object] = lambda run: None,
     show_gains: Callable[[TuneResult], object] = lambda result: None,
 ) -> Demo:
-    """Run the demo into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused. `show`
-    gets the file of each run, `show_gains` what was tuned."""
+    """Run the demo and write its runs, route.csv and vehicle.toml into `folder`. `show` receives the file of each run,
+    `show_gains` the tuned gains. Raise AnswerNo if the fit is refused."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
@@ -223,7 +225,9 @@ def demo(
 
     say(_("1/6 experiment  60 s of random steps"))
     u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed, rest_s=2.0)
-    once = "python" if chosen(backend) == "c" else backend  # this model is used for one run: no C pays
+    once = (
+        "python" if chosen(backend) == "c" else backend
+    )  # one run with this model does not repay compiling C
     run = experiment(file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
     show(folder / EXPERIMENT)
     say(_("2/6 identify    the model from commands and IMU"))

@@ -1,13 +1,12 @@
-"""`baqueano study driving`: how evenly robots drive that were identified, on physics of its own.
+"""`baqueano study driving`: how evenly identified robots drive, simulated with independent physics.
 
-Robots of truth/ that differ as parts do are driven for 60 s and identified from commands and IMU alone. The fit starts
-from a rough guess, with centre of mass and delay free. Then they follow three shapes at three speeds with the
-recommended controller and its default gains. Those gains were chosen while looking at robots 0 to 5: --seed 100 is a
-fresh set. At 0.3 m/s no shape asks for more than 1.5 rad/s. An eight of 0.6 m asks for 2.4 rad/s there: the weakest
-robot drawn then needs 98.6 % of its duty without any feedback, and no controller keeps off the limit. The cases:
-
+Robots of truth/ with the tolerances of real parts are driven for 60 s and identified from commands and IMU only. The
+fit starts from a rough guess, with centre of mass and delay free. Then they follow three shapes at three speeds with
+the recommended controller and its default gains. Those gains were chosen on robots 0 to 5: --seed 100 is a fresh set.
+At 0.3 m/s no shape requires more than 1.5 rad/s. An eight of 0.6 m requires 2.4 rad/s there: the weakest robot then
+needs 98.6 % of its duty without any feedback, and no controller stays below the limit. The cases:
     imu          the estimator has commands and IMU, the model is the identified one
-    pose         the estimator receives pose and velocity: what the controller alone does
+    pose         the estimator receives pose and velocity: the errors of the controller only
     breakaway    dry friction and dead zone are 1.3 times higher at rest; pose known
     late         another 100 ms from command to motor; pose known
     dead_zone    10 % more dead zone than identified
@@ -50,7 +49,10 @@ if TYPE_CHECKING:
     from baqueano.guides.route import Route
 
 EXPERIMENT_S = 60.0
-FREE = ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"]  # the fit says that they are off
+FREE = [
+    "+model.centre_of_mass_x_m",
+    "+model.drivetrain.delay_s",
+]  # a fit without them reports that they are wrong
 BATCH = 10  # robots that are simulated side by side
 SHAPES: dict[str, Callable[[float], "Route"]] = {
     N_("sinuous"): lambda v: sinuous_circle(0.6, 0.06, 5, v),
@@ -58,11 +60,11 @@ SHAPES: dict[str, Callable[[float], "Route"]] = {
     N_("rectangle"): lambda v: rectangle(1.2, 0.8, 0.2, v),
 }
 SPEEDS = (0.1, 0.2, 0.3)
-SLOWER = (0.2,)  # of the cases that are judged at one speed
+SLOWER = (0.2,)  # of the cases with one speed
 
 
 class Case(NamedTuple):
-    """A way in which the robot that drives is not the one that was identified."""
+    """A difference between the robot that drives and the one that was identified."""
 
     changed: Callable[[Robots], Robots]
     perfect: bool  # pose and velocity are known
@@ -80,18 +82,18 @@ CASES = {
 
 
 class EvenDrive(NamedTuple):
-    """A lap of a robot."""
+    """The figures of a lap of a robot."""
 
     case: str
     shape: str
     asked_m_s: float
     seed: int
-    speed_error: float  # of the asked speed, rms after the first second
+    speed_error: float  # of the reference speed, rms after the first second
     unevenness: float  # about the mean over 1 s
     at_limit: float  # share of the ticks
     sign_changes: float  # of the forward command, in the lap
     across_m: float  # rms
-    stopped: float  # 1.0: the supervisor stopped it, or it did not get along half of its lap
+    stopped: float  # 1.0: the supervisor stopped it, or it drove less than half of its lap
 
 
 class DrivingLimit(NamedTuple):
@@ -111,19 +113,19 @@ LIMITS = {
     "dead_zone": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
     "battery": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
 }
-SHARE = 0.95  # of the laps must keep a limit; the table shows the worst lap too
+SHARE = 0.95  # of the laps must be within a limit; the table shows the worst lap too
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driving:
-    """All laps."""
+    """The laps of all robots."""
 
     drives: tuple[EvenDrive, ...]
-    driven: int  # robots, fewer than were asked for if it was interrupted
+    driven: int  # robots, fewer than requested if it was interrupted
     refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
     def of(self, case: str, shape: str, speed: float) -> list[EvenDrive]:
-        """Return the laps of one row."""
+        """Return the laps of one case, shape and speed."""
         return [d for d in self.drives if d[:3] == (case, shape, speed)]
 
     def rows(self) -> list[TableRow]:
@@ -139,7 +141,7 @@ class Driving:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Say which limit is not kept."""
+        """Return a sentence for each limit that is exceeded."""
         out = (
             [_("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused)))]
             if self.refused
@@ -179,11 +181,11 @@ class Driving:
 
     @property
     def verdict(self) -> Verdict:
-        """WARN where a limit is not kept, else USABLE."""
+        """Return WARN if a limit is exceeded, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """Return the rows for people."""
+        """Return the rows as a text table."""
         head = f"{_('case'):11}{_('shape'):11}{'m/s':>4}{_('speed error %'):>17}{_('uneven %'):>16}"
         head += f"{_('across mm'):>18}{_('limit'):>7}{_('sign'):>6}"
         lines = [
@@ -226,9 +228,8 @@ def driving(
     seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", cases: tuple[str, ...] = tuple(CASES),
     speeds: tuple[float, ...] = SPEEDS, controller: str | None = None, each: Callable[[int], None] = lambda k: None,
 ) -> Driving:  # fmt: skip
-    """Return the laps of robots `first` … `first + seeds − 1`; `each` hears of the robots that are done.
-
-    `controller` is a kind, ours or "file.py:Class", in place of the file's; its gains are its defaults.
+    """Return the laps of robots `first` … `first + seeds − 1`; `each` is called with the number that is done.
+    `controller` is a kind of the package or "file.py:Class"; it replaces that of the file, with its default gains.
     """
     compilable(controller=guess().controller(controller))  # refuses before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
@@ -246,7 +247,7 @@ def batch(
     speeds: tuple[float, ...],
     controller: str | None = None,
 ) -> tuple[int, list[EvenDrive], list[int]]:
-    """Return how many robots these are, their laps, and those whose fit was refused."""
+    """Return the number of robots, their laps, and the seeds whose fit was refused."""
     robots = together([draw_robots(1, seed) for seed in seeds])
     fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
@@ -269,12 +270,12 @@ def batch(
 
 
 def guess() -> VehicleFile:
-    """Return the file that each identification begins with."""
+    """Return the vehicle file from which each identification begins."""
     return load("small").with_values({k: v for k, v in GUESS.items() if k.startswith(("model.", "sensors."))})
 
 
 def experiments(robots: Robots, seeds: range) -> list[Run]:
-    """Return a run of random steps of each robot, the same steps for all."""
+    """Return a run of random steps for each robot, with the same steps for all."""
     file = guess()
     u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
     t_ns, world = times(len(u), file.rate_hz), TruthWorld(robots, seeds, fast=function)
@@ -295,7 +296,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
 
 
 class Loop:
-    """Estimator, controller and supervisor of a file as one compiled step that takes the reference."""
+    """Estimator, controller and supervisor of a file as one compiled step with the reference as input."""
 
     def __init__(self, file: VehicleFile, perfect: bool, backend: str, controller: str | None = None) -> None:
         self.file, self.perfect = file, perfect
@@ -310,7 +311,7 @@ class Loop:
         self.step = function(self._step, self.start(np.zeros(3)), tick, reference, backend=backend)
 
     def start(self, eta: np.ndarray) -> tuple[Any, Any, Any]:
-        """Return the states of the three at the pose `eta` (3,)."""
+        """Return the initial states of the three blocks at the pose `eta` (3,)."""
         return self.blocks.estimator.init(eta), self.blocks.controller.init(), self.blocks.supervisor.init()
 
     def _step(self, states: Tree, tick: Tick, reference: Reference) -> Any:
@@ -349,8 +350,8 @@ def _lap(
     t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, speed_ref: np.ndarray,
     limits: Any, supervisor: Any,
 ) -> tuple[float, ...]:  # fmt: skip
-    """Return the figures of an EvenDrive: true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3),
-    speeds (N,)."""
+    """Return the figures of an EvenDrive from true poses and speeds (N, 4), commands (N, 3), reference poses (N, 3)
+    and reference speeds (N,)."""
     pace_figures = pace(t_ns, truth[:, 3], speed_ref)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
     is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)

@@ -1,9 +1,9 @@
-"""`baqueano study first-drives`: vehicles of which nothing is known, driven carefully in a small room.
+"""`baqueano study first-drives`: unknown vehicles, driven carefully in a small room.
 
-Robots of truth/, with physics of their own, and a planner that is given garage/small as it is. Both gains are 0.3 to 3
-times those of the file (log-uniform, alike within ± 25 %), the four dead zones 0 to 0.4, what holds at rest up to 1.3
-times what holds in motion. The wires are in turn right, with the left or the right motor inverted, or with both
-swapped. Judged: whether a body touched a wall, how near it came, whether the wiring was named rightly.
+Robots of truth/, with independent physics, and a planner that has garage/small unchanged. Both gains are 0.3 to 3 times
+those of the file (log-uniform, equal within ± 25 %), the four dead zones 0 to 0.4, friction at rest up to 1.3 times
+that in motion. The wiring is in turn right, with the left or the right motor inverted, or with both motors swapped. The
+criteria are contact of a body with a wall, its smallest distance, and the right diagnosis of the wiring.
 """
 
 from collections.abc import Callable
@@ -35,19 +35,19 @@ WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
 class MiswiredLink(World):
-    """A simulated vehicle with two wheels whose motors are not connected as one thinks; its ticks tell the
-    commands that were sent."""
+    """A simulated two-wheeled vehicle with wrongly connected motors; its ticks contain the commands that were
+    sent."""
 
     def __init__(self, inner: World, wiring: str) -> None:
         self.inner, self.wiring, self.commands = inner, wiring, inner.commands
         self._command = np.zeros(inner.commands)
 
     def read(self, t_ns: int) -> list[Tick]:
-        """The ticks until then."""
+        """Return the ticks up to `t_ns`, with the command that was sent."""
         return [tick._replace(u=self._command) for tick in self.inner.read(t_ns)]
 
     def write(self, command: Command) -> None:
-        """The command, through the wrong wires."""
+        """Send the command through the wrong wiring."""
         self._command = np.array(command.u, dtype=float)
         left, right = self._command[0] - self._command[2], self._command[0] + self._command[2]
         left = -left if self.wiring == "left inverted" else left
@@ -57,31 +57,33 @@ class MiswiredLink(World):
         self.inner.write(Command(command.t_ns, np.array([0.5 * (left + right), 0.0, 0.5 * (right - left)])))
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return the true motion since the last call."""
+        """Return the true motion since the previous call."""
         return self.inner.new_truths()
 
 
 class Row(NamedTuple):
-    """All first drives of one wiring."""
+    """The figures of all first drives with one wiring."""
 
     wiring: str
     drives: int
     touched: int  # drives in which the body touched a wall
-    nearest_m: float  # the least distance that was left between body and wall
-    named: int  # drives after which the wiring was named rightly
-    gain_off: float  # median of the larger of (felt ÷ true, true ÷ felt) gain; NaN where it is wired wrong
+    nearest_m: float  # the smallest distance between body and wall
+    named: int  # drives with the right diagnosis of the wiring
+    gain_off: (
+        float  # median of the larger of (estimated ÷ true, true ÷ estimated) gain; NaN with wrong wiring
+    )
     longest_s: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstDrives:
-    """The table."""
+    """The table of first drives, a row per wiring."""
 
     each: tuple[Row, ...]
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the failures."""
+        """Return a sentence for each kind of failure: a touched wall, a wrong diagnosis."""
         touches = sum(row.touched for row in self.each)
         misnamed = sum(row.drives - row.named for row in self.each)
         return (
@@ -95,7 +97,7 @@ class FirstDrives:
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE, or REFUSED when a wall was touched."""
+        """Return REFUSED if a wall was touched, WARN with other reasons, else USABLE."""
         return (
             Verdict.REFUSED
             if any(row.touched for row in self.each)
@@ -105,11 +107,11 @@ class FirstDrives:
         )
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row per wiring."""
+        """Return a flat row for each wiring."""
         return [row._asdict() for row in self.each]
 
     def table(self) -> str:
-        """Text."""
+        """Return the rows and reasons as a text table."""
         head = (
             f"{_('wiring'):16}{_('drives'):>7}{_('touched'):>9}{_('left over'):>11}{_('named'):>7}"
             f"{_('gain'):>7}{_('time'):>7}"
@@ -124,8 +126,8 @@ class FirstDrives:
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
 
 
-class One(NamedTuple):
-    """Simulate a first drive."""
+class FirstDriveFigures(NamedTuple):
+    """The figures of one simulated first drive."""
 
     wiring: str
     margin_m: float
@@ -138,7 +140,7 @@ def first_drives(
     seeds: int = 40, first: int = 0, processes: int = 1, backend: str = "auto",
     each: Callable[[int], None] = lambda k: None,
 ) -> FirstDrives:  # fmt: skip
-    """Return the table over vehicles `first` … `first + seeds − 1`; `each` hears how many are done."""
+    """Return the table over vehicles `first` … `first + seeds − 1`; `each` receives the number that is done."""
     drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, each)
     rows = []
     for wiring in WIRINGS:
@@ -148,7 +150,7 @@ def first_drives(
     return FirstDrives(tuple(rows))
 
 
-def _row(wiring: str, some: list[One]) -> Row:
+def _row(wiring: str, some: list[FirstDriveFigures]) -> Row:
     margins = np.array([drive.margin_m for drive in some])
     gain = float(np.median([drive.gain_off for drive in some]))
     named_count, longest = sum(drive.named for drive in some), max(drive.seconds for drive in some)
@@ -157,8 +159,8 @@ def _row(wiring: str, some: list[One]) -> Row:
     )
 
 
-def drive_one(seed: int, backend: str = "auto") -> One:
-    """Return what came of the first drive of the unknown vehicle of that seed."""
+def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
+    """Simulate the first drive of the unknown vehicle of that seed, and return its figures."""
     file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
     robot = unknown(seed)
     world = MiswiredLink(LoopWorld(robot, seed, file.rate_hz), wiring)
@@ -177,11 +179,13 @@ def drive_one(seed: int, backend: str = "auto") -> One:
     if wiring == "well":
         ratio = np.array([drive.gain_along, drive.gain_about]) / gains(robot, file)
         off = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
-    return One(wiring, margin, is_named, off, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9)
+    return FirstDriveFigures(
+        wiring, margin, is_named, off, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9
+    )
 
 
 def unknown(seed: int) -> Robots:
-    """Return a robot that might be anything."""
+    """Return a robot with random gains, dead zones and breakaway."""
     draw, q = np.random.default_rng([seed, 70]), draw_robots(1, seed)
     gain = np.exp(draw.uniform(np.log(WEAKEST), np.log(STRONGEST))) * draw.uniform(0.75, 1.25, 2)
     along, about = np.clip(gain, WEAKEST, STRONGEST)
@@ -193,7 +197,7 @@ def unknown(seed: int) -> Robots:
 
 
 def gains(robot: Robots, file: VehicleFile) -> np.ndarray:
-    """Return the accelerations (2,) along and about z by a command, in parts of those of the file."""
+    """Return the accelerations (2,) along x and about z by a command, divided by those of the file."""
     true, body = robot_values(robot), file.vehicle
     size = {0: (robot.mass_kg, body.mass_kg), 2: (robot.inertia_kg_m2, body.inertia_kg_m2)}
     return np.array([

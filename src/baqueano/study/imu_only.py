@@ -1,18 +1,17 @@
-"""A real car from throttle, servo and IMU alone, judged by the odometer that it was not shown (CPM Lab µCar, 1:18).
+"""Fit a real car from throttle, servo and IMU only, and evaluate it with its hidden odometer (CPM Lab µCar, 1:18).
 
-Each of two runs is fitted twice, without its odometer: with the gyro as it is (scale 1, known to a data sheet's
-3 %), and with a gyro that was calibrated to 1 %. Each fit is judged
+Each of two runs is fitted twice, without its odometer: with the raw gyro (scale 1, known to a data sheet's 3 %), and
+with a gyro that was calibrated to 1 %. Each fit is evaluated
+    on the other run    speed simulated from throttle and servo only, against the odometer; and compared with the
+                        same model fitted to odometer and gyro
+    by its intervals    coverage of the odometer's fit of the same run by the 95 % intervals, both errors counted,
+                        for gain, viscous and dry friction, cornering drag and the steady speed at 0.4 throttle;
+                        and their width
+    by its messages     no IMU shows the gyro's scale, and the other run leaves the range of the fit
 
-    on the other run    speed simulated from throttle and servo alone, against the odometer; beside it the same
-                        model fitted to the odometer and the gyro
-    by its intervals    whether those of 95 % hold what the odometer's fit of the same run says, both errors
-                        counted, of gain, viscous and dry friction, cornering drag and the steady speed at 0.4
-                        throttle; and how wide they are
-    by what it says     that no IMU shows the gyro's scale, and that the other run leaves what was driven
-
-The odometer's own scale is the garage's, by the camera. The zero of the gyro is that of the 76 readings of run a
-while the car stood: neither run rests for long enough that a fit could find it. Nothing else but dimensions, dead
-zone and delay is taken from the garage's file of this car: what is fitted begins there, and does not end there.
+The odometer's scale is the garage's, by the camera. The gyro's zero is the mean of the 76 readings of run a at rest:
+neither run rests long enough for a fit of it. From the garage's file of this car come only dimensions, dead zone and
+delay; it also gives the initial values of the fitted parameters.
 """
 
 from collections.abc import Callable
@@ -44,8 +43,8 @@ ZERO = "sensors.imu.gyro_bias"
 ZERO_RAD_S, ZERO_SD, RECORDED = 0.0024, 0.0013, date(2019, 5, 13)
 FREE = (*DRIVE, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
 BARE = {"model.quadratic_drag": 0.0, ZERO: ZERO_RAD_S}
-WORSE = 1.5  # than the odometer's fit, that the speed of the other run may be
-HELD = 0.85  # of the intervals
+WORSE = 1.5  # limit of the speed error on the other run, relative to the odometer's fit
+HELD = 0.85  # required coverage of the intervals
 WIDE = (0.40, 0.40, 0.50, np.inf, 0.08)  # of the value, gain, viscous, dry, cornering drag, steady speed
 AT = 0.4  # throttle
 NAMES = (
@@ -61,21 +60,21 @@ class GyroCalibration(NamedTuple):
     tolerance: float
 
 
-class KnownGains(NamedTuple):
-    """The results of a fit."""
+class FittedDrive(NamedTuple):
+    """The fitted gains, frictions and steady speed, with their errors."""
 
     value: np.ndarray  # (5,) in the order of NAMES
     sd: np.ndarray  # (5,)
 
 
 def imu_only_study(backend: str = "auto", say: Callable[[str], object] = lambda text: None) -> RecordingStudy:
-    """Both runs, both gyros. FileError, with the names of the files, where the recordings are missing."""
+    """Fit both runs with both gyros. Raise FileError with the names of the files if recordings are missing."""
     check_present()
     return RecordingStudy(tuple(rows(say, backend)), ())
 
 
 def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """recording, quantity, value, bar, ok."""
+    """Return the rows of the study: recording, quantity, value, bar, ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
         BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
@@ -111,12 +110,12 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
             both = np.hypot(estimate.sd, truth.sd)
             inside.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * both)
             width.append(QUANTILE_95 * estimate.sd / np.abs(estimate.value))
-    return out + of_intervals(np.array(inside), np.array(width)) + of_words(fits[-1], runs)
+    return out + of_intervals(np.array(inside), np.array(width)) + of_messages(fits[-1], runs)
 
 
 def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
-    """The speed of a run that neither fit has seen."""
-    car = reference.vehicle_file  # odometer and gyro as they are: what is judged is the model
+    """Return the rows on the speed of a run that neither fit has used."""
+    car = reference.vehicle_file  # odometer and gyro unchanged: only the model is evaluated
     fitted_car = car.with_values(
         {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
     )
@@ -134,8 +133,8 @@ def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> 
     ]
 
 
-def drive_of(fit: Fit, file: VehicleFile) -> KnownGains:
-    """Gain, frictions and the steady speed on the straight, with their errors."""
+def drive_of(fit: Fit, file: VehicleFile) -> FittedDrive:
+    """Return gain, frictions and the steady speed on the straight, with their errors."""
     at = [fit.names.index(name) for name in DRIVE]
     gain, viscous, dry = (fit.value(name) for name in DRIVE[:3])
     effort = AT - float(file.vehicle.drivetrain.dead_zone_forward[0])
@@ -143,11 +142,11 @@ def drive_of(fit: Fit, file: VehicleFile) -> KnownGains:
     slope = np.array([effort, -speed, -1.0, 0.0]) / viscous
     cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
     value, sd = np.append(fit.estimate[at], speed), np.append(fit.sd[at], np.sqrt(slope @ cov @ slope))
-    return KnownGains(value, sd)
+    return FittedDrive(value, sd)
 
 
 def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
-    """Cover and width, of cases (cases, 5)."""
+    """Return the rows on the coverage and the width of the intervals, from arrays (cases, 5)."""
     part = float(np.mean(inside))
     out = [row("cpm", _("intervals that hold the odometer's fit"), part, f"≥ {number(HELD):g}", part >= HELD)]
     for k, name in enumerate(NAMES):
@@ -165,8 +164,8 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
     return out
 
 
-def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
-    """Return the rows about the gyro, and about the run beyond the range of the fit."""
+def of_messages(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
+    """Return the rows on the messages about the gyro's scale and about a run beyond the range of the fit."""
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [

@@ -1,8 +1,8 @@
-"""Recordings that others made of real vehicles: the findings in each, and the bar for them.
+"""Evaluate fits on recordings of real vehicles by other authors: the results of each, and their bars.
 
-Each module of `recorded` knows one recording: it imports it by a map and fits a vehicle file of guesses to one part of
-it. It judges the fit on another part. The recordings do not come with the package: they are read from the folder
-BAQUEANO_DATA, else from ../shared/data; what is not there is left out, and named.
+Each module of `recorded` is for one recording: it imports it by a map, fits a vehicle file of guesses to one part of it
+and evaluates the fit on another part. The recordings do not come with the package: they are read from the folder
+BAQUEANO_DATA, else from ../shared/data; a missing recording is left out, and reported.
 """
 
 import glob
@@ -26,19 +26,19 @@ RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 @dataclass(frozen=True, slots=True)
 class RecordingStudy:
-    """The results on all recordings."""
+    """The results of the fits on all recordings."""
 
     each: tuple["JsonObject", ...]
-    left_out: tuple[str, ...]  # sentences on recordings that are not there
-    stopped: bool = False  # from the keyboard, before all were judged
+    left_out: tuple[str, ...]  # sentences on missing recordings
+    stopped: bool = False  # from the keyboard, before all were evaluated
 
     def rows(self) -> list["TableRow"]:
-        """recording, quantity, value, bar, ok."""
+        """Return rows of recording, quantity, value, bar, ok."""
         return list(self.each)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The bars that are missed."""
+        """Return a sentence for each bar that is missed."""
         return tuple(
             _(
                 "{recording}: {quantity} is {value}",
@@ -52,11 +52,11 @@ class RecordingStudy:
 
     @property
     def verdict(self) -> Verdict:
-        """WARN where a bar is missed or a recording is not there."""
+        """Return WARN if a bar is missed or a recording is missing, else USABLE."""
         return Verdict.WARN if self.reasons or self.left_out else Verdict.USABLE
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the rows, the missing recordings and the verdict as a text table."""
         width = max((len(r["quantity"]) for r in self.each), default=0)
         lines = [f"{_('recording'):20} {_('quantity'):{width}}  {_('ok'):3}  {_('bar'):26} {_('value')}"]
         for r in self.each:
@@ -82,8 +82,8 @@ class RecordingStudy:
 def recordings(
     backend: str = "auto", say: Callable[[str], object] = lambda text: None, names: Sequence[str] = RECORDED
 ) -> RecordingStudy:
-    """Return the results of all recordings; after Ctrl-C those before it. FileError, with the names of the files,
-    where none is."""
+    """Return the results of all recordings; after Ctrl-C those that are done. Raise FileError with the names of the
+    files if all recordings are missing."""
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
@@ -110,18 +110,18 @@ def recordings(
 
 
 def files_of(maps: Sequence[str]) -> list[str]:
-    """The files that the maps ask for."""
+    """Return the files that the maps require."""
     return sorted({spec.path for name in maps for spec in load_map(name).files.values() if spec.path})
 
 
 def missing_of(paths: Sequence[str]) -> list[str]:
-    """Return the missing ones in all folders of recordings; a name may have *."""
+    """Return the paths that are in none of the folders of recordings; a path may have *."""
     folders = data_folders()
     return [path for path in paths if not any(glob.glob(str(folder / path)) for folder in folders)]
 
 
 def check_present() -> None:
-    """FileError that names the files of the CPM µCar that no folder holds."""
+    """Raise FileError with the names of the missing files of the CPM µCar, if any."""
     missing = missing_of(files_of(MAPS))
     if missing:
         raise FileError(
@@ -135,7 +135,7 @@ def check_present() -> None:
 
 
 def cell_text(value: object) -> str:
-    """A value of a row as text."""
+    """Return a value of a row as text."""
     if isinstance(value, bool):
         return _("yes") if value else _("no")
     return f"{number(value):.4g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""The page about the recordings: what each fit found, the models on runs they have not seen, the paths."""
+"""The page about the recordings: results of each fit, models on held-out runs, and paths."""
 
 from baqueano.language import marked as N_
 from baqueano.language import number
@@ -14,8 +14,8 @@ SHOWN_S = 30.0
 
 
 def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation | None) -> Page:
-    """The table of all recordings; then the car that was driven twice, both ways round: tables, and for each run
-    that was held out the model, the path and the errors."""
+    """Return the page: the table of all recordings, then the tables of the car that was driven twice. For each held-out
+    run it shows the model, the path and the errors."""
     sections, headlines = [], []
     if recorded is not None:
         text = "\n".join((*recorded.reasons, *recorded.left_out))
@@ -53,7 +53,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
 
 
 def sections_of(one: Judgement) -> list[Section]:
-    """A model on a run."""
+    """Return the sections on the evaluation of a model on a run."""
     title = _(
         "Fitted on {fitted_on}, judged on {judged_on}", fitted_on=one.fitted_on, judged_on=one.judged_on
     )

@@ -1,4 +1,4 @@
-"""Estimators, controllers and guides on the same drives: one table, with intervals of their differences.
+"""Compare estimators, controllers and guides on the same drives: one table, with intervals of their differences.
 
 result = sweep(vehicle_file, routes=eight(1.0, 0.25), controllers=["kanayama", "lqr"], seeds=range(10))
 print(result.table())

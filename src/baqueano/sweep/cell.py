@@ -1,4 +1,4 @@
-"""One drive of one cell: the blocks of a file in its simulated vehicle, or on the ticks of a recorded run."""
+"""One drive of one cell: the blocks in the file's simulated vehicle, or on the ticks of a recorded run."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class FileText(NamedTuple):
-    """A vehicle file as it goes to another process."""
+    """A vehicle file in the form that is sent to another process."""
 
     text: str
     label: str
@@ -28,12 +28,12 @@ class FileText(NamedTuple):
     on_disk: str | None
 
     def parsed(self) -> VehicleFile:
-        """Return the vehicle file."""
+        """Parse the text and return the vehicle file."""
         return parse(self.text, self.label, self.path, on_disk=self.on_disk)
 
 
 class SweepBlocks(NamedTuple):
-    """The blocks that stand in place of the file's; None: the file's own."""
+    """The blocks that replace those of the file; None: the file's own."""
 
     estimator: "OwnBlock | None" = None
     controller: "OwnBlock | None" = None
@@ -41,21 +41,21 @@ class SweepBlocks(NamedTuple):
 
 
 class SweepSettings(NamedTuple):
-    """The settings that all drives share."""
+    """The settings shared by all drives."""
 
     laps: int = 1
     start: tuple[float, float, float] = (
         0.0,
         0.0,
         0.0,
-    )  # where the vehicle begins, seen from the route's first pose
+    )  # initial pose of the vehicle, relative to the route's first pose
     alignment: str = "none"
     over_s: float = 1.0
     backend: str = "auto"
 
 
 class SweepJob(NamedTuple):
-    """A drive that is to be done."""
+    """A drive to be done."""
 
     cell: SweepCell
     drive: str  # its name: vehicle, route and seed, or the run
@@ -64,11 +64,11 @@ class SweepJob(NamedTuple):
     settings: SweepSettings
     route: "Route | None" = None
     seed: int = 0
-    run: "Run | None" = None  # the one that is replayed
+    run: "Run | None" = None  # the run to replay
 
 
 def work(job: SweepJob) -> SweepDrive:
-    """Return the figures of a drive."""
+    """Do the drive or replay of a job, and return its figures."""
     try:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
@@ -86,7 +86,7 @@ def _drive(job: SweepJob) -> "Run":
         "lead_in": False,
         "caution": False,
         "patience_s": np.inf,
-    }  # blocks alone are compared
+    }  # only the blocks are compared
     return repeat(
         job.file.parsed(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
         backend=job.settings.backend, **bare,
@@ -99,7 +99,7 @@ def _replay(job: SweepJob) -> "Run":
 
 
 def as_row(drive: SweepDrive) -> dict[str, object]:
-    """Return a drive as JSON can hold it; its numbers are exact."""
+    """Return a drive as a dict for JSON; its numbers are exact."""
     return {
         "figures": drive.figures, "stopped": drive.stopped,
         "pieces": {name: list(pieces) for name, pieces in drive.pieces.items()},
@@ -107,7 +107,7 @@ def as_row(drive: SweepDrive) -> dict[str, object]:
 
 
 def of_row(job: SweepJob, row: dict) -> SweepDrive:
-    """Return the drive of a job out of its row."""
+    """Return the drive of a job from its row."""
     pieces = {
         name: Pieces(tuple(squares), tuple(samples), *times)
         for name, (squares, samples, *times) in row["pieces"].items()

@@ -1,4 +1,4 @@
-"""The figures and the page of a sweep."""
+"""Draw the figures and the page of a sweep."""
 
 from functools import cache
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @cache
 def registered() -> None:
-    """Give `.plot()` and a notebook's card to the results of sweeps."""
+    """Register `.plot()` and a notebook card for the results of sweeps."""
     drawings_of.register(
         SweepResult, lambda result: {"drives": lambda: spread(result), "differences": lambda: ratios(result)}
     )
@@ -44,7 +44,7 @@ def _card(result: Result) -> Card:
 
 
 def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> Page:
-    """Return the table, the spread over the drives and the differences on one page."""
+    """Return a page with the table, the spread over the drives and the differences."""
     main, rows = result.main_figure(), result.cells()
     finite = [row for row in rows if np.isfinite(row[main])]
     best = min(finite, key=lambda row: row[main]) if finite else None
@@ -114,7 +114,7 @@ def spread(result: SweepResult) -> "Figure":
 
 @styled
 def ratios(result: SweepResult) -> "Figure":
-    """Draw the main figure of each cell in parts of the reference's, with its interval."""
+    """Draw the main figure of each cell divided by the reference's, with its interval."""
     main, rows = result.main_figure(), [row for row in result.cells() if row["cell"] != result.reference]
     figure, axes = panel((7.2, 0.45 * max(len(rows), 1) + 1.2))
     for k, row in enumerate(reversed(rows)):

@@ -1,11 +1,10 @@
-"""The figures of a drive, and the pieces (pieces.py) of those that are an rms, by which two drives are compared.
-
+"""The figures of a drive, and the segments (pieces.py) of each rms figure, by which two drives are compared.
     effort          e_t = |u_t / limit| / √m,   m entries of the command with a limit                      (1)
     roughness       e_t = |u_t − u_{t−1}| / limit / (√m δ)   [1/s]                                         (2)
-    joined          the way of the reference after which the vehicle stays within JOINED_M of its path     (3)
-    laps            whole laps before it is LOST_M beside its path, or stands still                        (4)
+    joined          the length of the reference after which the vehicle stays within JOINED_M of its path  (3)
+    laps            complete laps before it is LOST_M from its path, or stops                              (4)
 
-Cross-track, speed, ATE and RPE are those of compare/; the vehicle is judged by the truth where there is one, else by
+Cross-track, speed, ATE and RPE are those of compare/. The vehicle is compared with the truth if it is known, else by
 the estimate. NEES and NIS are means per degree of freedom, 1 if consistent.
 """
 
@@ -29,14 +28,14 @@ NAN = float("nan")
 
 
 class SweepFigure(NamedTuple):
-    """The name of a figure in a table."""
+    """The heading, unit and scale of a figure in a table."""
 
     heading: str
     unit: str
     scale: float  # of the unit
 
 
-SUMMED = {  # figures with an rms, compared piece by piece
+SUMMED = {  # rms figures, compared by segments
     "across_rms_m": SweepFigure(N_("across"), "cm rms", 100.0),
     "speed_error_m_s": SweepFigure(N_("speed error"), "cm/s rms", 100.0),
     "effort": SweepFigure(N_("effort"), "%", 100.0),
@@ -59,7 +58,7 @@ SINGLE = {
 def figures_of(
     run: "Run", laps: int = 1, alignment: str = "none", over_s: float = 1.0
 ) -> tuple[dict[str, float], dict[str, Pieces]]:
-    """Return the figures of a drive or a replay by their names in SUMMED and SINGLE, and the pieces of the first."""
+    """Return the figures of a drive or a replay by their names in SUMMED and SINGLE, and the segments of the first."""
     series = _of_estimate(run, alignment, over_s)
     single = dict.fromkeys(SINGLE, NAN)
     if run.metadata.get("kind") != "replay":
@@ -74,7 +73,7 @@ def figures_of(
 
 
 def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return times and errors of the estimate against the truth."""
+    """Return times and errors of the estimate against the truth, by figure."""
     est, truth = run.estimate, run.truth
     if est is None or truth is None or len(truth.t_ns) < 2:
         return {}
@@ -89,7 +88,7 @@ def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[n
 
 
 def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
-    """Return times and errors of the vehicle, and the single figures of its path."""
+    """Return times and errors of the vehicle by figure, and the single figures of its path."""
     log: Tree = run.truth if run.truth is not None else run.estimate
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
@@ -114,7 +113,7 @@ def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.nda
 
 
 def joined(way_m: np.ndarray, across_m: np.ndarray) -> float:
-    """Return the way after which all distances (N,) from the path are within JOINED_M; NaN if the last is not.  (3)"""
+    """Return the path length after which all distances (N,) are within JOINED_M; NaN if the last one is not.  (3)"""
     outside = np.flatnonzero(~(np.abs(across_m) <= JOINED_M))
     if not outside.size:
         return 0.0
@@ -122,7 +121,7 @@ def joined(way_m: np.ndarray, across_m: np.ndarray) -> float:
 
 
 def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, laps: int) -> float:
-    """Return the laps of a drive of `laps` that were driven within LOST_M; `part` is that of the whole way.  (4)"""
+    """Return the laps out of `laps` that were driven within LOST_M; `part` is the fraction of the whole way.  (4)"""
     stops = [event.t_ns for event in run.events if event.level == "error"]
     if not stops and np.all(np.abs(across) <= LOST_M):
         return float(laps)
@@ -132,7 +131,7 @@ def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, la
 
 
 def _of_command(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the effort and the roughness of the command that was sent.  (1), (2)"""
+    """Return the effort and the roughness of the sent command, with their times.  (1), (2)"""
     limits = evenness.limits_of(run.vehicle_text)
     u = (run.applied if run.sent is None else run.sent)[k]
     if limits is None or u.shape[1] != len(limits.command):

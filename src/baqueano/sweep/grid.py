@@ -1,4 +1,4 @@
-"""Vehicles or runs × estimators × controllers × guides × routes × seeds → the drives, all of them checked first."""
+"""Vehicles or runs × estimators × controllers × guides × routes × seeds → drives, all checked before the first one."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -47,27 +47,27 @@ def sweep(
     Parameters
     ----------
     over : VehicleFile, Run, str, or sequence of them
-        Vehicles, which are simulated as `repeat` does; or recorded runs, through which only estimators can vary.
+        Vehicles, which are simulated like by `repeat`; or recorded runs, for which only estimators can vary.
     routes : Route, sequence or dict of Route
-        What the vehicles drive; a dict gives the names.
+        The routes of the vehicles; a dict gives their names.
     estimators, controllers, guides : str, type or block, or sequence of them
-        A kind of ours, "file.py:Class", a class or a block; none: that of the vehicle file.
+        A kind of the package, "file.py:Class", a class or a block; empty: that of the vehicle file.
     seeds : iterable of int
-        Of the noise; each cell has the same.
+        Seeds of the noise; each cell has the same.
     reference : str, optional
-        Label of the cell with which the others are compared; else the first one.
+        Label of the cell with which the others are compared; else the first cell.
     vehicle : VehicleFile, optional
-        For runs: the file of the estimators, else the one that the run holds.
+        For runs: the vehicle file of the estimators, else the one in the run.
     keep : path, optional
-        A folder in which each drive is written when it is done. The same call goes on from there.
+        A folder in which each finished drive is stored. The same call later resumes from there.
     processes : int, optional
-        All processors, if it is not given. Blocks that only this process knows are driven here.
+        Number of processes, by default one per processor. Blocks known only to this process are driven in it.
     cluster : str, optional
-        Address of a Dask scheduler, in place of processes.
+        Address of a Dask scheduler, instead of processes.
     each : callable, optional
         Called with the number of drives that have just been done.
     **settings : object
-        `laps`; `start` (3,) [m, m, rad] of the vehicle, seen from the route's first pose; `alignment` and `over_s`
+        `laps`; `start` (3,) [m, m, rad] of the vehicle, relative to the route's first pose; `alignment` and `over_s`
         [s] as in `compare`; `backend`.
 
     Returns
@@ -111,7 +111,7 @@ def sweep(
 
 
 def _several(value: Tree) -> list:
-    """Return one thing or several as a list."""
+    """Return one value or several as a list."""
     if isinstance(value, str | type | Route | Result | VehicleFile) or not isinstance(value, Iterable):
         return [value]
     return list(value)
@@ -140,7 +140,7 @@ def _by_name(routes: Tree) -> dict[str, Route]:
 def _of_vehicles(
     files: list, rooms: dict[str, list], routes: dict[str, Route], seeds: list[int], settings: SweepSettings
 ) -> list[SweepJob]:
-    """Return the jobs, cell by cell; each block was made once, so that a wrong one ends it before the first drive."""
+    """Return the jobs, cell by cell; each block is built once, so that a wrong one fails before the first drive."""
     if not files or not routes or not seeds:
         raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
     if wrong := [file for file in files if not isinstance(file, VehicleFile)]:
@@ -168,7 +168,7 @@ def _of_runs(
     settings: SweepSettings,
     routes: list,
 ) -> list[SweepJob]:
-    """Return the jobs of recorded runs, which no controller can drive otherwise."""
+    """Return the jobs of recorded runs; a controller, guide or route cannot vary there."""
     for values, name in (
         (rooms["controller"], "controllers"),
         (rooms["guide"], "guides"),
@@ -186,7 +186,7 @@ def _of_runs(
 
 
 def _cells(rooms: dict[str, list], file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
-    """Return every combination of blocks, with its label: the names of those that vary."""
+    """Return every combination of blocks with its label: the names of the blocks that vary."""
     choices = {}
     for room in LOOP:
         own = str(file.data.get(room, {}).get("kind", DEFAULT_KIND[room]))
@@ -215,14 +215,14 @@ class NamedBlocks(NamedTuple):
 
 
 def _name(block: object) -> str:
-    """Return the name of a block as people read it."""
+    """Return the name of a block for display."""
     if isinstance(block, str):
         return block
     return block.__name__ if isinstance(block, type) else type(block).__name__
 
 
 def _labels(names: list[str]) -> list[str]:
-    """Return the names, numbered where two are the same."""
+    """Return the names, with numbers if two are equal."""
     out: list[str] = []
     for name in names:
         before = sum(label == name or label.startswith(f"{name} #") for label in out)

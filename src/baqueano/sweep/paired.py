@@ -4,10 +4,10 @@
     s² = Σ_d (n_d − 1) / n_d Σ_b (θ_{−b} − mean_b θ_{−b})²,   θ_{−b}: (1) without the block b of n_d         (2)
     interval = exp(θ ± t s),   t: Student's, with Σ_d (n_d − 1) degrees of freedom                         (3)
 
-With FEWEST drives or more a drive is a block, of which each has its own noise: (2) is then the error of a mean. Of
-fewer drives, blocks are pieces of TIMES correlation times or more, and the interval holds for these drives, not for
-others. With fewer than FEWEST blocks the interval is NaN. A bootstrap of so few blocks is too narrow. Source of (2),
-the delete-one jackknife: Künsch, Annals of Statistics, 1989.
+With FEWEST drives or more, each drive is a block with independent noise: (2) is then the error of a mean. With fewer
+drives, blocks are segments of at least TIMES correlation times, and the interval is valid only for these drives. With
+fewer than FEWEST blocks the interval is NaN. A bootstrap of so few blocks is too narrow. Source of (2), the delete-one
+jackknife: Künsch, Annals of Statistics, 1989.
 """
 
 from collections.abc import Sequence
@@ -24,18 +24,18 @@ NAN = float("nan")
 
 
 class PairedDifference(NamedTuple):
-    """A figure of a cell in parts of that of another one.
+    """A figure of a cell divided by that of another cell.
 
     Attributes
     ----------
     ratio : float
         Below 1: smaller than the other's; the geometric mean over the drives.
     low, high : float
-        Its interval of 95 %; NaN where the blocks are too few to tell.
+        Its 95 % interval; NaN if there are too few blocks.
     blocks : int
-        The count of blocks that are independent of each other.
+        The number of independent blocks.
     of_drives : bool
-        True where a block is a drive.
+        True if a block is a drive.
 
     Examples
     --------
@@ -52,7 +52,7 @@ class PairedDifference(NamedTuple):
 
     @property
     def significant(self) -> bool:
-        """Return True where the interval does not hold 1."""
+        """Return True if the interval does not contain 1."""
         return bool(self.low > 1.0 or self.high < 1.0)
 
 
@@ -86,13 +86,13 @@ def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
 
 
 def _log_ratio(sums: np.ndarray) -> np.ndarray:
-    """Return ½ ln(E / Ẽ) of S, n, S̃, ñ (…, 4)."""
+    """Return ½ ln(E / Ẽ) from S, n, S̃, ñ (…, 4)."""
     S, n, S_other, n_other = np.moveaxis(sums, -1, 0)
     return 0.5 * np.log((S / n) / (S_other / n_other))
 
 
 def _jackknife(blocks: np.ndarray) -> float:
-    """Return the variance of the log ratio of a drive with the blocks (B, 4).  (2)"""
+    """Return the jackknife variance of the log ratio of a drive with the blocks (B, 4).  (2)"""
     n = len(blocks)
     without = _log_ratio(np.sum(blocks, axis=0) - blocks)
     return float((n - 1) / n * np.sum((without - np.mean(without)) ** 2))

@@ -1,11 +1,11 @@
-"""A series of errors as sums of squares over pieces of time, and how long its samples are alike.
+"""A series of errors as sums of squares over time segments, and its correlation time.
 
-    rms = √(Σ_b S_b / Σ_b n_b),   S_b = Σ e², n_b samples of the piece b                                   (1)
+    rms = √(Σ_b S_b / Σ_b n_b),   S_b = Σ e², n_b samples of the segment b                                 (1)
     T = δ (1 + 2 Σ_{k ≤ w} ρ_k),   ρ: autocorrelation of e²,  w: the first k with k δ ≥ WINDOW T           (2)
 
-A sample that stands for a span of time, as that of a relative error, belongs to a piece only if the whole span does.
-(2) is the time by which N samples give as much as one that is independent; what its mean takes from a short series is
-given back. Source: Sokal, Monte Carlo Methods in Statistical Mechanics, 1989, section 3.
+A sample for a span of time, such as a relative error, belongs to a segment only if its whole span does. T is the time
+in which the samples contain as much information as one independent sample; it is corrected for the bias from the
+mean of a short series. Source: Sokal, Monte Carlo Methods in Statistical Mechanics, 1989, section 3.
 """
 
 from typing import NamedTuple
@@ -15,20 +15,20 @@ import numpy as np
 from baqueano.signals import NANOSECONDS, seconds
 
 PIECE_S = 10.0
-SPANS = 4.0  # of a relative error, that a piece has at least
-ENOUGH = 0.9  # of its length, for the last piece; a shorter rest joins the piece before
+SPANS = 4.0  # least length of a segment, in spans of a relative error
+ENOUGH = 0.9  # least length of the last segment, in lengths; a shorter rest joins the previous segment
 WINDOW = 5.0
 
 
 class Pieces(NamedTuple):
-    """Sums over the B pieces of a drive.  (1)
+    """Sums over the B segments of a drive.  (1)
 
     Attributes
     ----------
     squares, samples : tuple of float (B,)
         S_b and n_b.
     length_s : float
-        Of a piece.
+        Length of a segment.
     correlation_s : float
         T, the correlation time of the squares.  (2)
     """
@@ -40,7 +40,7 @@ class Pieces(NamedTuple):
 
 
 def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
-    """Return the pieces of errors (N,), each of which stands for `span_s` from its time on."""
+    """Return the segments of a series of errors (N,); each error covers the span `span_s` after its time."""
     length_s = max(PIECE_S, SPANS * span_s)
     if not len(t_ns):
         return Pieces((), (), length_s)
@@ -60,7 +60,7 @@ def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
 
 
 def correlation_time(t_ns: np.ndarray, x: np.ndarray) -> float:
-    """Return T [s] of a series (N,); 0 for one that does not change.  (2)"""
+    """Return the correlation time T [s] of a series (N,); 0 if the series is constant.  (2)"""
     n = len(x)
     if n < 3 or not np.ptp(x) > 0.0:
         return 0.0

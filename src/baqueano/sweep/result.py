@@ -1,4 +1,4 @@
-"""The result of a sweep: the figures of each drive, the middle of each cell, and its differences from a reference."""
+"""The result of a sweep: the figures of each drive, the medians of each cell, and its differences from a reference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ SHORT = (
     "rpe_heading_rad",
     "nis",
 )
-MAIN = ("across_rms_m", "ate_m")  # the figure whose difference stands in the table: the first that is known
+MAIN = ("across_rms_m", "ate_m")  # the table shows the difference of the first of them that is known
 NARROW = 32  # letters of a label
 
 
@@ -43,9 +43,9 @@ class SweepCell(NamedTuple):
     Attributes
     ----------
     label : str
-        The names of those that vary.
+        The names of the blocks that vary.
     estimator, controller, guide : str
-        Their names.
+        The names of the blocks.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class SweepCell(NamedTuple):
 
 
 class SweepDrive(NamedTuple):
-    """A drive of a cell.
+    """The figures of a drive of a cell.
 
     Attributes
     ----------
@@ -69,11 +69,11 @@ class SweepDrive(NamedTuple):
     name : str
         Vehicle, route and seed; the same in each cell.
     figures : dict of float
-        By their names; NaN where not known.
+        Figures by their names; NaN if not known.
     pieces : dict of Pieces
-        Of the figures that are an rms, by which drives are compared.
+        Segments of each rms figure, by which drives are compared.
     stopped : str
-        Code of the reason why it was stopped; "" if it was not.
+        Code of the reason why the drive was stopped, or "".
 
     Examples
     --------
@@ -90,14 +90,14 @@ class SweepDrive(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SweepResult(Result):
-    """Cells on the same drives.
+    """The drives of several cells under the same conditions.
 
     Attributes
     ----------
     drives : tuple of SweepDrive
-        Cell by cell.
+        The drives, cell by cell.
     requested : int
-        Number of drives of the call; more than `drives` holds after Ctrl-C.
+        Number of drives of the call; after Ctrl-C, `drives` contains fewer.
     reference : str
         Label of the cell with which the others are compared.
 
@@ -118,7 +118,7 @@ class SweepResult(Result):
         return shortened(lines[:3], lines[3:], [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row per cell and drive."""
+        """Return a flat row for each cell and drive."""
         return [
             {
                 "cell": drive.cell.label, "estimator": drive.cell.estimator, "controller": drive.cell.controller,
@@ -129,7 +129,7 @@ class SweepResult(Result):
         ]  # fmt: skip
 
     def cells(self) -> list["TableRow"]:
-        """Return a flat row per cell: the median of each figure over its drives, and the differences of the rms."""
+        """Return a flat row per cell: the median of each figure over its drives, and the ratios of the rms figures."""
         out = []
         for label, drives in self._by_cell().items():
             row: TableRow = {
@@ -152,7 +152,7 @@ class SweepResult(Result):
         return out
 
     def difference(self, label: str, figure: str) -> PairedDifference:
-        """Return a figure of the cell `label` in parts of the reference's, on the drives that both did."""
+        """Return a figure of the cell `label` divided by the reference's, on the drives of both."""
         cells = self._by_cell()
         drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
         both = [(drives[name], references[name]) for name in drives if name in references]
@@ -163,12 +163,12 @@ class SweepResult(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """DONE, or WARN with reasons."""
+        """Return WARN if there are reasons, else DONE."""
         return Verdict.WARN if self.reasons else Verdict.DONE
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return which cells were stopped, and if drives are missing."""
+        """Return a warning for each cell with stopped drives, and one if drives are missing."""
         out = [
             note(
                 "sweep.stopped",
@@ -185,7 +185,7 @@ class SweepResult(Result):
         return tuple(out)
 
     def table(self) -> str:
-        """Return the medians of each cell, and the difference from the reference."""
+        """Return the medians of each cell, and the ratio to the reference, as a text table."""
         return "\n".join([*self._lines(BLOCKS), "", verdict_line(self.verdict, self.reasons)])
 
     def _by_cell(self) -> dict[str, list[SweepDrive]]:
@@ -202,14 +202,14 @@ class SweepResult(Result):
         return available[0] if available else MAIN[-1]
 
     def shown(self) -> list[str]:
-        """Return the names of the figures that any drive has, those of the vehicle first."""
+        """Return the names of the figures that at least one drive has, those of the vehicle first."""
         return [name for names in BLOCKS for name in names if self._has(name)]
 
     def _has(self, name: str) -> bool:
         return any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
 
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
-        """Return a table for each block of figures that are known; the first has the differences."""
+        """Return a table for each block of known figures; the first one also has the ratios."""
         rows, out = self.cells(), []
         wide = min(max([len(row["cell"]) for row in rows], default=4), NARROW) + 2
         for names in ([name for name in block if self._has(name)] for block in blocks):

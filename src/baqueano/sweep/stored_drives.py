@@ -1,8 +1,7 @@
-"""Drives over processes or a cluster; each is written when it is done, and read where it was written before.
+"""Run drives in processes or on a cluster; each finished drive is stored, and a stored drive is read instead of run.
 
-The name of a file is the digest of all that decides its row: version, columns, vehicle file, route or run, blocks with
-the text of those that are the user's, seed and settings. JSON holds doubles exactly: what was read is what was
-driven.
+The file name is the digest of all inputs of its row: version, columns, vehicle file, route or run, blocks with the
+source text of the user's own, seed and settings. JSON stores doubles exactly, so a stored drive equals the original.
 """
 
 import json
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Resources(NamedTuple):
-    """Processes, cluster and folder of a sweep."""
+    """The processes, the cluster and the folder of a sweep."""
 
     processes: int = 1
     cluster: str | None = None  # address of a Dask scheduler
@@ -38,7 +37,7 @@ class Resources(NamedTuple):
 def run_all(
     jobs: Sequence[SweepJob], resources: Resources, each: Callable[[int], None] | None
 ) -> "list[SweepDrive]":
-    """Return the drives in the order of their jobs; after Ctrl-C those that are done."""
+    """Run or read all jobs, and return their drives in order; after Ctrl-C only the finished ones."""
     if resources.keep is not None:
         resources.keep.mkdir(parents=True, exist_ok=True)
     names = [digest(job) for job in jobs] if resources.keep is not None else [""] * len(jobs)
@@ -60,7 +59,7 @@ def run_all(
 
 
 class NumberedJob(NamedTuple):
-    """A job and its place in the order."""
+    """A job with its number in the order."""
 
     number: int
     job: SweepJob
@@ -81,7 +80,7 @@ def _write(path: Path, row: dict) -> None:
 
 
 def _stored_row(path: Path) -> dict | None:
-    """Return the row of a drive; None where it does not exist, or is not whole."""
+    """Return the row of a stored drive; None if it does not exist, or is incomplete."""
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -90,19 +89,19 @@ def _stored_row(path: Path) -> dict | None:
 
 
 def _travels(jobs: Sequence[NumberedJob]) -> bool:
-    """Return True where another process can take the blocks; one of a notebook's cell it cannot find."""
+    """Return True if another process can import the blocks; it cannot import a block of a notebook cell."""
     blocks = {block for job in jobs for block in job.job.blocks if not isinstance(block, str | None)}
     if any((b if isinstance(b, type) else type(b)).__module__ in ("__main__", "builtins") for b in blocks):
         return False
     try:
         ForkingPickler.dumps(list(blocks))
-    except Exception:  # whatever a block of the user's raises there
+    except Exception:  # a user's block may raise any error here
         return False
     return True
 
 
 def digest(job: SweepJob) -> str:
-    """Return the name under which the drive of a job is kept."""
+    """Return the name under which the drive of a job is stored."""
     import hashlib
 
     parts = [__version__, *Pieces._fields, job.file.text, repr(job.settings), str(job.seed), job.drive]
@@ -122,7 +121,7 @@ def _arrays(job: SweepJob) -> list[np.ndarray]:
 
 
 def _block_text(room: str, block: object, job: SweepJob) -> str:
-    """Return a block in words: its kind or numbers, and its text where it is the user's."""
+    """Return a block as text: its kind or parameters, with its source text if it is the user's."""
     if block is None:
         return ""
     if isinstance(block, str):
@@ -137,8 +136,8 @@ def _block_text(room: str, block: object, job: SweepJob) -> str:
 def on_cluster(
     jobs: Sequence[NumberedJob], resources: Resources, names: Sequence[str], each: Callable[[int], None]
 ) -> list[tuple[int, dict]]:
-    """Return the rows of the jobs from the workers of a Dask scheduler; they are kept here, not there. UsageError where
-    it does not answer."""
+    """Return the rows of the jobs from the workers of a Dask scheduler; they are stored here, not there. Raise
+    UsageError if the scheduler does not answer."""
     try:
         from distributed import Client, as_completed  # pyright: ignore[reportMissingImports]
     except ImportError as error:

@@ -1,7 +1,7 @@
-"""Many jobs that take long, spread over processes; what is done when a person presses Ctrl-C is kept.
+"""Spread long jobs over processes; after Ctrl-C the finished results are kept.
 
-A fit spends half of its time in Python, whose threads wait for each other: jobs go to processes. Ctrl-C is for
-the one that gives out the work; the others finish the job they have, a second or so.
+A fit spends half of its time in Python, whose threads wait for each other: so jobs run in processes. Only the parent
+process handles Ctrl-C; the workers finish their present job, which takes about a second.
 """
 
 import os
@@ -19,7 +19,7 @@ R = TypeVar("R")
 
 
 def processors() -> int:
-    """Return the count of processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
@@ -29,10 +29,10 @@ def spread_over(
     processes: int = 1,
     each: Callable[[int], None] | None = None,
 ) -> list[R]:
-    """`work` of each job, in the order in which they end; `each` is called with 1 after each of them.
+    """Return `work` of each job, in the order in which they end; `each` is called with 1 after each of them.
 
-    `work`, a function of a module, jobs and results are pickled where there is more than one process. After
-    Ctrl-C: what is done.
+    `work`, a function of a module, jobs and results are pickled if there is more than one process. After Ctrl-C,
+    return the finished results.
     """
     tell, results = each or (lambda n: None), []
     if processes < 2 or len(jobs) < 2:
@@ -46,7 +46,7 @@ def spread_over(
     pool = ProcessPoolExecutor(
         min(processes, len(jobs)), mp_context=get_context("spawn"), initializer=_end_with_parent
     )
-    with _deaf():  # who is begun now never hears Ctrl-C
+    with _ignore_interrupt():  # the workers started here ignore Ctrl-C
         waiting = [pool.submit(work, job) for job in jobs]
     try:
         for future in as_completed(waiting):
@@ -61,7 +61,7 @@ def spread_over(
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever."""
+    """End this worker when its parent ends, as it would otherwise wait for jobs for ever."""
     parent = parent_process()
 
     def watch() -> None:
@@ -73,8 +73,8 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
-    """Ctrl-C is not heard, where it can be (in the first thread of the program)."""
+def _ignore_interrupt() -> Iterator[None]:
+    """Ignore Ctrl-C, which is possible only in the main thread; elsewhere do nothing."""
     try:
         before: Any = signal.signal(signal.SIGINT, signal.SIG_IGN)
     except ValueError:

@@ -1,17 +1,17 @@
-"""The engine room: a plain NumPy function → graph → derivatives → C or Python. It knows no vehicle.
+"""Compile plain NumPy functions: a function → its graph → derivatives → C or Python. No vehicle occurs here.
 
-`scan` owns a loop over time, `function` and `compiled` make one call fast, `jacobian` derives. The functions
-given to them are ordinary NumPy text: pure, with no `if` on a value that is known only at run time.
+`scan` runs a step over time, `function` and `compiled` make one call fast, `jacobian` differentiates. The functions
+given to them are ordinary NumPy code: pure, without `if` on a value that is known only at run time.
 
-A call goes through the house from the top down; each room knows only those below it:
+A call goes through the modules from the top down; each one imports only those below it:
 
-    function, scan     what is called; plain runs the step as it is written, batch many at once, packing and paths
-                       carry trees to rows and back
-    backends           which of the two: c_code/ or python_code/
-    derivatives/       the rule of each operator, dual numbers, tangents of a program
-    graph/             trace → node → simplify → assemble → program → emit (the order of the arithmetic)
-    arrays/            scalars and arrays that stand for numbers while a function is traced
-    ieee, errors       arithmetic that never raises; errors that point at the user's line
+    function, scan      the calls of the user; plain runs the step unchanged, batch many at once, packing and paths
+                        convert trees to rows and back
+    backends            the choice: c_code/ or python_code/
+    derivatives/        the rule of each operator, dual numbers, tangents of a program
+    graph/              trace → node → simplify → assemble → program → emit (the order of the arithmetic)
+    arrays/             scalars and arrays that represent numbers while a function is traced
+    ieee, errors        arithmetic that never raises; errors that point at the user's line
 """
 
 from baqueano.symbolic.arrays.array import interp, where

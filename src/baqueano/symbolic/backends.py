@@ -1,4 +1,4 @@
-"""The choice of the back end: "c" where there is a compiler, else "python"; "numpy" runs the text as it is."""
+"""Choose the back end: "c" if there is a compiler, else "python"; "numpy" runs the code unchanged."""
 
 import os
 import sys
@@ -15,7 +15,7 @@ _report_log: set[Diagnostic] = set()
 
 
 def chosen(backend: str) -> str:
-    """`backend`; where it is "auto", what the environment variable BAQUEANO_BACKEND says."""
+    """Return `backend`; "auto" is replaced by the variable BAQUEANO_BACKEND. Invalid for an unknown name."""
     if backend == "auto":
         backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
     if backend not in NAMES:
@@ -24,7 +24,7 @@ def chosen(backend: str) -> str:
 
 
 class Runner:
-    """The kernel of a program. "auto" begins with C and goes on with Python if C cannot be compiled."""
+    """The kernel of a program. "auto" begins with C and changes to Python if C cannot be compiled."""
 
     def __init__(self, program: Program, backend: str) -> None:
         self._program = program
@@ -42,11 +42,11 @@ class Runner:
 
     @property
     def source(self) -> str:
-        """The text that was made."""
+        """Return the generated code."""
         return self._kernel.source
 
     def call(self, method: str, *args: Value) -> Value:
-        """A method of the kernel; see program.Kernel."""
+        """Call a method of the kernel and return its result; see program.Kernel."""
         if not self._may_change:
             return getattr(self._kernel, method)(*args)
         from baqueano.symbolic.c_code.compile import CompileError

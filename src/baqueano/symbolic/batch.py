@@ -1,4 +1,4 @@
-"""The common inputs of the lanes of a scan, and the own inputs of each."""
+"""Prepare the inputs of a scan over many lanes: those common to all lanes, and the separate inputs of each."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 
 
 class Batch(NamedTuple):
-    """L lanes of N ticks, as a kernel takes them."""
+    """The arguments of a kernel for L lanes of N ticks."""
 
     lanes: int
     ticks: int
     theta: np.ndarray  # (L, p)
-    start: np.ndarray | None  # (L, c); None where it follows from θ
+    start: np.ndarray | None  # (L, c); None if it follows from θ
     inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), which is which
 
     @classmethod
     def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
-        """Return them from trees whose leaves may lead with a lane axis, by the number of their axes."""
+        """Return the batch of trees whose leaves may begin with a lane axis, which their number of axes shows."""
         leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
         own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
         start = scan.example if carry is None else carry
@@ -49,7 +49,7 @@ class Batch(NamedTuple):
             for (leaf, v), o in zip(leaves_and_values, own, strict=True)
         ]
         shared_inputs = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
-        parts = [c for c in columns if c.ndim == 3]  # where there is but one, it is read where it stands
+        parts = [c for c in columns if c.ndim == 3]  # a single one is used without a copy
         parts = parts if len(parts) == 1 else [np.zeros((count, n, 0)), *parts]
         each = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=2)
         is_shared = tuple(c.ndim == 2 for c in columns for _ in range(c.shape[-1]))

@@ -1,4 +1,4 @@
-"""Errors that point at the user's own line: file, line, what was found, what to write instead."""
+"""Raise errors that point at the user's line: file, line, what was found, and its replacement."""
 
 import linecache
 import sys
@@ -19,7 +19,7 @@ _CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
 class TraceError(DiagnosticError, TypeError, ValueError):
-    """The text of a function cannot be traced; the message names its file and line and what to write.
+    """The error of a function that cannot be traced; the message names its file and line and a remedy.
 
     Examples
     --------
@@ -33,12 +33,12 @@ class TraceError(DiagnosticError, TypeError, ValueError):
 
 
 def untraceable(code: str, **figures: Value) -> TraceError:
-    """Return the error of the innermost running line of the user."""
+    """Return the error for the user's innermost running line."""
     return TraceError(fault(code, place=here(), **figures))
 
 
 def here() -> str:
-    """'model.py:36: if x[0] > 0:' of the innermost running line of the user."""
+    """Return the user's innermost running line, as 'model.py:36: if x[0] > 0:'."""
     frame = sys._getframe(1)
     while frame is not None:
         if _is_users(frame.f_code):
@@ -49,8 +49,7 @@ def here() -> str:
 
 @contextmanager
 def located() -> Iterator[None]:
-    """Turn an error of NumPy inside (shapes that do not fit, a method that does not exist) into a
-    TraceError that names the user's line."""
+    """Turn an error of NumPy inside (wrong shapes, a missing method) into a TraceError with the user's line."""
     try:
         yield
     except TraceError:

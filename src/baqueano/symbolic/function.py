@@ -1,12 +1,12 @@
 """Make a call fast: `function` for a function, `compiled` for the step of a block.
 
-The numbers of the arguments are written into one row of floats. The kernel of a scan of one tick fills another, which
-is read as the result. Types, None and text belong to the shape of an argument, and are checked.
+The numbers of the arguments are written into one row of floats. The kernel of a scan of one tick fills another row,
+which is read as the result. Types, None and text belong to the shape of an argument, and are checked.
 
-A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction, the
-kernel is simplified for them. It looks at every call whether they are there; a general one is made if not.
+A filter carries many zeros: states that never correlate. If zeros of the first state stay zero by induction, the kernel
+is simplified for them. Each call checks these zeros; if one is not 0, a general kernel is compiled.
 
-The methods of blocks with equal parameters have the same text: graph and kernel of the newest are kept.
+The methods of blocks with equal parameters have the same code: graph and kernel of the newest ones are kept.
 """
 
 import inspect
@@ -29,11 +29,11 @@ from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, flat_row, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 
-KEPT = 24  # texts of this process whose graph and kernel are kept
+KEPT = 24  # codes of this process whose graph and kernel are kept
 
 
 def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":
-    """Return `f`, compiled for arguments like the examples: the same trees in and out.
+    """Return `f`, compiled for arguments like the examples, with the same trees for arguments and result.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
 
 
 def compiled(block: Tree, backend: str = "auto") -> "CompiledBlock":
-    """Return the block with a compiled `step`; its fields are constants, all else is its own.
+    """Return the block with a compiled `step`. Its fields are constants; its other attributes are unchanged.
 
     A step with a loop over time has `row`, the step of one input, which is compiled. It also has `pause(state, input)`,
     which returns the inputs that come before this one.
@@ -86,24 +86,24 @@ def compiled(block: Tree, backend: str = "auto") -> "CompiledBlock":
 
 
 class Function:
-    """A function of numbers in trees, compiled when it is made."""
+    """A function of numbers in trees, compiled at its creation."""
 
     def __init__(self, f: Callable[..., Tree], examples: tuple[Tree, ...], backend: str) -> None:
         self.f = f
         self._names = _argument_names(f, len(examples))
         self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
         backend = chosen(backend)
-        self.call = f  # the same with nothing asked: as many arguments as there were examples
+        self.call = f  # the call without checks, for as many arguments as examples
         self._runner = None if backend == "numpy" else self._compile(backend, examples)
         self.backend = "numpy" if self._runner is None else self._runner.backend
 
     @property
     def source(self) -> str:
-        """The text that runs."""
+        """Return the generated code."""
         return "" if self._runner is None else self._runner.source
 
     def __call__(self, *args: Tree, **kwargs: Tree) -> Tree:
-        """f(*args); ValueError where an argument has another shape than its example."""
+        """Return f(*args); ValueError if an argument has another shape than its example."""
         if kwargs:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
@@ -126,9 +126,9 @@ class Function:
 
 
 class _CompiledParts(NamedTuple):
-    """The compiled parts that all functions of one text share."""
+    """The compiled parts that all functions of one code share."""
 
-    quick: Runner  # for states that are 0 where the example is
+    quick: Runner  # for states that are 0 in the same entries as the example
     general: Callable[[], Runner]
     inputs: int
     outputs: int
@@ -142,7 +142,7 @@ _lock = Lock()
 def _compile_parts(
     f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
 ) -> _CompiledParts:
-    """Return what was made of the same text before, or make it: the second drive of a vehicle is ready at once."""
+    """Return the compiled parts of the same code from the cache, or make them: a second drive is ready at once."""
     key = _key(f, shapes, examples, backend)
     parts = _cache.get(key) or _make(f, shapes, examples, backend)
     if key is not None:
@@ -155,7 +155,7 @@ def _compile_parts(
 
 
 def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:
-    """Return a key that is equal for equal texts; None for a plain function, or a block with more than fields."""
+    """Return a key that is equal for equal code; None for a plain function, or a block with more than its fields."""
     if not inspect.ismethod(f) or not shapes:
         return None
     try:
@@ -185,7 +185,7 @@ def _make(
 
 
 def _same(x: object) -> Hashable:
-    """Return what is equal for blocks of equal parameters; TypeError where a block has more than its fields."""
+    """Return a value that is equal for blocks of equal parameters; TypeError if a block has more than its fields."""
     if x is None or isinstance(x, str | int):
         return type(x), x
     if isinstance(x, float | np.number | np.ndarray) and (array := np.asarray(x)).dtype != object:
@@ -203,7 +203,7 @@ def _same(x: object) -> Hashable:
 
 
 def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Tree, ...]) -> Program:
-    """The program for states that are 0 where the example is, and where they stay so."""
+    """Return the program simplified for states that are 0 in the example and stay 0."""
     if state_of(shapes, shape) is None:
         return program
     zero = set(np.flatnonzero(flat_row(shapes[0], examples[0]) == 0.0).tolist())
@@ -214,7 +214,7 @@ def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: t
 
 
 class CompiledBlock:
-    """A block whose step is compiled, when first called, for each shape of its arguments."""
+    """A block whose step is compiled at its first call, for each shape of its arguments."""
 
     def __init__(self, block: Tree, backend: str = "auto") -> None:
         self.block = block
@@ -226,7 +226,7 @@ class CompiledBlock:
         self._text = block.step if self._pause is None else block.row
 
     def step(self, *args: Tree, **kwargs: Tree) -> Tree:
-        """The step of the block."""
+        """Return the result of the block's step."""
         if kwargs:
             args = inspect.signature(self.block.step).bind(*args, **kwargs).args
         if self._pause is not None:

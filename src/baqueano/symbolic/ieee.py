@@ -1,6 +1,7 @@
-"""Arithmetic of doubles as IEEE 754 has it: an operator of the engine never raises and never warns.
+"""Compute with doubles as IEEE 754 defines it: an operator of this package never raises and never warns.
 
-Python raises where the hardware says inf or NaN (1/0, exp of 1000, sqrt of −1); then NumPy is asked, quietly.
+Python raises if the hardware returns inf or NaN (1/0, exp of 1000, sqrt of −1); then NumPy computes it, without a
+warning.
 """
 
 import math
@@ -25,22 +26,22 @@ def _quiet(fast: Callable[..., float], exact: Value) -> Callable[..., float]:
 
 
 def minimum(a: float, b: float) -> float:
-    """The smaller one; NaN if either is."""
+    """Return the smaller one; NaN if either is NaN."""
     return a if a < b or a != a else b
 
 
 def maximum(a: float, b: float) -> float:
-    """The larger one; NaN if either is."""
+    """Return the larger one; NaN if either is NaN."""
     return a if a > b or a != a else b
 
 
 def sign(a: float) -> float:
-    """−1, 0 or 1; NaN stays."""
+    """Return −1, 0 or 1; NaN for NaN."""
     return float(a > 0.0) - float(a < 0.0) if a == a else a
 
 
 def interp(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
-    """Piecewise linear, held beyond the ends, as np.interp; NaN stays."""
+    """Return the piecewise linear value, constant beyond the ends, as np.interp; NaN for NaN."""
     if x <= xp[0]:
         return fp[0]
     if x >= xp[-1]:
@@ -50,7 +51,7 @@ def interp(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
 
 
 def interp_slope(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
-    """The slope of the segment that begins at or before x; 0 beyond the ends."""
+    """Return the slope of the segment that begins at or before x; 0 beyond the ends."""
     if x < xp[0] or x > xp[-1]:
         return 0.0
     j = _cell(x, xp)
@@ -99,5 +100,5 @@ OPERATORS: dict[str, Callable[..., Value]] = {
     "interp": lambda x, value: interp(x, *value),
     "interp_slope": lambda x, value: interp_slope(x, *value),
 }
-LOGICAL = frozenset(("lt", "le", "eq", "ne", "and", "or", "not", "isnan"))  # their result is a truth
+LOGICAL = frozenset(("lt", "le", "eq", "ne", "and", "or", "not", "isnan"))  # their result is a truth value
 COMMUTATIVE = frozenset(("add", "mul", "min", "max", "hypot", "eq", "ne", "and", "or"))

@@ -1,9 +1,9 @@
-"""Trees ↔ rows, fast: text made for one shape, for calls that take microseconds.
+"""Convert trees to rows and back, fast: code generated for one shape, for calls that take microseconds.
 
-`tree.values` and `tree.build` do the same, slowly, for any shape; they also say what is wrong with a tree.
+`tree.values` and `tree.build` do the same, slowly, for any shape; they also report the errors of a tree.
 
 The state that a step returned is usually the state of its next call. Its arrays are parts of the row that the kernel
-filled. So that row is copied as it is, with the present content of those arrays.
+filled. That row is then copied whole, with the present content of those arrays.
 """
 
 import threading
@@ -29,7 +29,7 @@ from baqueano.symbolic.graph.tree import (
 
 
 class ShapeMismatch(Invalid):
-    """A tree has another shape than the one that the text was made for."""
+    """The error of a tree whose shape differs from that of the generated code."""
 
 
 def caller(
@@ -40,8 +40,11 @@ def caller(
     result: np.ndarray,
     shape: Shape,
 ) -> Callable[..., Tree]:
-    """A function of trees of these `shapes`: it writes their numbers into `row`, runs, and returns the tree of `shape`
-    whose numbers then stand in `result`; `general` fills it where `run` says that it did not."""
+    """Return a function of trees of these `shapes`, which returns a tree of `shape`.
+
+    It writes their numbers into `row`, calls `run`, and builds the tree from `result`. If `run` returns True, it calls
+    `general` to fill `result`.
+    """
     space: dict[str, Tree] = {
         "row": row, "cells": row.data, "run": run, "general": general, "result": result,
         "lock": threading.Lock(),
@@ -85,14 +88,14 @@ def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
 
 
 def _is_fixed(shape: Shape) -> bool:
-    """Return whether nothing of it can change but the numbers in its arrays, which are parts of a row."""
+    """Return True if only the numbers in its arrays, which are parts of a row, can change."""
     if isinstance(shape, Branch):
         return issubclass(shape.kind, tuple) and all(map(_is_fixed, shape.children))
     return isinstance(shape, ConstantLeaf) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
 
 
 def _alike(a: Shape, b: Shape) -> bool:
-    """Return whether two trees differ in nothing but paths and the kinds of their numbers."""
+    """Return True if two trees differ only in paths and the kinds of their numbers."""
     if isinstance(a, Branch):
         if not isinstance(b, Branch) or (a.kind, a.keys) != (b.kind, b.keys):
             return False
@@ -141,7 +144,7 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, T
 
 
 def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree]) -> list[str]:
-    """Lines that return the tree of a row. NumPy takes the row apart in one call, as a record."""
+    """Return lines of code that return the tree of a row. NumPy splits the row in one call, as a record."""
     shapes = list(leaves(shape))
     space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(shapes)])
     names = iter(f"x{k}" for k in range(len(shapes)))
@@ -158,7 +161,7 @@ def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree
 
 
 def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
-    """The text that builds it of variables, one for each leaf."""
+    """Return the code that builds the tree from variables, one for each leaf."""
     k = len(space)
     if isinstance(shape, ConstantLeaf):
         space[f"value{k}"] = shape.value
@@ -195,7 +198,7 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
 
 
 def _wrong(shape: Shape, tree: Tree) -> None:
-    """Tells what is wrong, if it is: a text may be equal and yet another object."""
+    """Raise ShapeMismatch if the tree is wrong. It is not if a text is equal but another object."""
     try:
         flat = values(shape, tree)
     except ValueError as error:

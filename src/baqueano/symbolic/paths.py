@@ -1,8 +1,8 @@
-"""Dotted paths into a tree: `get(robot, "friction.linear[0]")`, `put(robot, "model.T[0,2]", x)`.
+"""Read and replace values in a tree by dotted paths.
 
-A name is a field of a dataclass or NamedTuple, or a key of a dict; an index stands in brackets. `put` copies
-what lies on the path and runs no `__post_init__`: its range checks would be `if`s on values that are known
-only at run time.
+Examples are `get(robot, "friction.linear[0]")` and `put(robot, "model.T[0,2]", x)`. A name is a field of a dataclass or
+NamedTuple, or a key of a dict; an index stands in brackets. `put` copies the objects on the path and runs no
+`__post_init__`: its range checks would be `if`s on values that are known only at run time.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ Of = TypeVar("Of")
 
 
 class NoSuchName(DiagnosticError, AttributeError):
-    """A path names what is not there."""
+    """The error of a path that names a missing field or key."""
 
 
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")
@@ -35,7 +35,7 @@ def get(tree: Tree, path: str) -> Tree:
 
 
 def put(tree: Of, path: str, value: Tree) -> Of:
-    """A copy of `tree` with `value` at `path`; the shape there must not change."""
+    """Return a copy of `tree` with `value` at `path`; the shape there must not change."""
     return _replace_at(tree, _steps(path), value, path)
 
 

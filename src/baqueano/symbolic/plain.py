@@ -1,4 +1,4 @@
-"""A scan that runs its step as it was written, under NumPy: for debugging, and to compare with.
+"""Run the step of a scan unchanged, under NumPy: for debugging, and for comparison.
 
 print and pdb work in it. Derivatives come from dual numbers.
 """
@@ -34,7 +34,7 @@ from baqueano.symbolic.scan import Scan, count_ticks
 
 
 class PlainScan(Scan):
-    """A Python loop over the ticks."""
+    """A scan as a Python loop over the ticks."""
 
     @property
     def backend(self) -> str:
@@ -141,7 +141,7 @@ class PlainScan(Scan):
 
 
 def _shape_of_all(outputs: list[Tree]) -> Shape:
-    """The shape of every output; a number that is an integer at some ticks only is a float."""
+    """Return the shape of every output; a number that is an integer only at some ticks is a float."""
     shape = shape_of(outputs[0], "output")
     kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)
     return with_kinds(shape, iter([min(set(own), key="fib".index) for own in kinds]))

@@ -1,9 +1,9 @@
-"""A single primitive: a step, repeated over time, with all its uses.
+"""Define the scan: a step, repeated over time, with all its uses.
 
-    carry_{k+1}, output_k = step(θ, carry_k, input_k)                                                     (1)
+    carry_{k+1}, output_k = step(θ, carry_k, input_k)                                                             (1)
 
-`scan` traces the step once, at once, so that what is wrong with it is said here; text is made and compiled
-when a method is first called. With the back end "numpy" nothing is traced: the step runs as it was written.
+`scan` traces the step once, at once, so that its errors are raised here. Code is generated and compiled when a method
+is first called. With the back end "numpy" nothing is traced: the step runs unchanged.
 """
 
 from abc import ABC, abstractmethod
@@ -26,7 +26,7 @@ from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, flat_row, leave
 def scan(
     step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: Tree = None, *, backend: str = "auto"
 ) -> "Scan":
-    """Return a step, ready to run over time; its meaning is that of this loop:
+    """Return a step, ready to run over time; its result is that of this loop:
 
         outputs = []
         for x in inputs:
@@ -44,7 +44,7 @@ def scan(
     theta : array_like (p,), optional
         An example of the parameters.
     backend : str
-        "auto", "c", "python", or "numpy": the step then runs as it is written.
+        "auto", "c", "python", or "numpy": the step then runs unchanged.
 
     Returns
     -------
@@ -54,9 +54,9 @@ def scan(
     Raises
     ------
     Invalid
-        Where theta is not a vector; a ValueError.
+        If theta is not a vector; a ValueError.
     TraceError
-        Where the step cannot be traced; it names the line.
+        If the step cannot be traced; it names the line.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def scan(
 
 
 class Scan(ABC):
-    """A step, ready to run over time. Leaves of `inputs` lead with the ticks (N, …); `scan` makes it.
+    """A step, ready to run over time, made by `scan`. Leaves of `inputs` begin with the axis of the ticks (N, …).
 
     Parameters
     ----------
@@ -113,60 +113,65 @@ class Scan(ABC):
     @property
     @abstractmethod
     def backend(self) -> str:
-        """ "c", "python" or "numpy"."""
+        """Return "c", "python" or "numpy"."""
 
     @property
     def operations(self) -> int:
-        """In one tick; 0 where nothing was traced."""
+        """Return the count of operations in one tick; 0 without a trace."""
         return 0
 
     @property
     def source(self) -> str:
-        """The text that runs; "" where nothing was traced."""
+        """Return the generated code; "" without a trace."""
         return ""
 
     @property
     def unused_carry(self) -> tuple[str, ...]:
-        """Entries of the carry that no output depends on: derivatives, costs and fits leave them out."""
+        """Return the entries of the carry that no output depends on: derivatives, costs and fits omit them."""
         return ()
 
     @abstractmethod
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
-        """The carry after the last tick, and the outputs, whose leaves lead with N."""
+        """Return the carry after the last tick, and the outputs, whose leaves begin with the axis N."""
 
     @abstractmethod
     def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
-        """The numbers of the output (N, m) and their derivatives (N, m, p)."""
+        """Return the numbers of the output (N, m) and their derivatives (N, m, p)."""
 
     @abstractmethod
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
-        """The output, one number a tick, summed."""
+        """Return the sum of the output, one number per tick."""
 
     @abstractmethod
     def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
-        """The same, and its gradient (p,)."""
+        """Return the sum of the output, one number per tick, and its gradient (p,)."""
 
     @abstractmethod
     def normal_equations(
         self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
     ) -> NormalEquations:
-        """The outputs as whitened residuals r: cost Σ ρ(r), its gradient, and Σ w ∂r ∂rᵀ; with `huber` = k,
-        ρ grows linearly beyond k."""
+        """Return cost Σ ρ(r), its gradient, and Σ w ∂r ∂rᵀ, with the outputs as whitened residuals r.
+
+        With `huber` = k, ρ grows linearly beyond k.
+        """
 
     @abstractmethod
     def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
-        """L runs side by side: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs`
-        (L, N, …) or shared. The carry after the last tick, (L, …), and the outputs, (L, N, …), or None."""
+        """Run L lanes: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs` (L, N, …) or shared.
+
+        Return the carry after the last tick, (L, …), and the outputs, (L, N, …), or None.
+        """
 
     @abstractmethod
     def batch_sums(
         self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """L runs side by side, as in `batch`: the numbers of the output summed over the ticks, (L, m).
+        """Run L lanes, as in `batch`, and return the numbers of the output summed over the ticks, (L, m).
 
-        Also the derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes)."""
+        Also return the derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes).
+        """
 
     def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
         expected = "(L, p)" if many else "(p,)"
@@ -194,7 +199,7 @@ class Scan(ABC):
 
 
 def count_ticks(shape: Shape, inputs: Tree) -> int:
-    """N, as the first leaf of `inputs` tells it."""
+    """Return N, the length of the first leaf of `inputs`."""
     for leaf, value in zip(leaves(shape), values(shape, inputs), strict=True):
         ticks = np.shape(value)
         if len(ticks) == 1 + len(leaf.shape):
@@ -204,7 +209,7 @@ def count_ticks(shape: Shape, inputs: Tree) -> int:
 
 
 class TracedScan(Scan):
-    """A scan whose step became a graph."""
+    """A scan whose step is a graph."""
 
     def __init__(
         self, step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: np.ndarray | None, backend: str
@@ -345,7 +350,7 @@ class TracedScan(Scan):
         return self._check(keep_all, self._flat_start(carry) if flat is None else flat)
 
     def _begin(self, keep_all: bool) -> Tree:
-        """The same from the start that was given with the step."""
+        """Return the same for the start that was given with the step."""
         if self.carry_function is not None:
             return self._runner(keep_all, given_start=False), np.zeros(0)
         return self._check(keep_all, self._flat_start(None))
@@ -360,7 +365,7 @@ class TracedScan(Scan):
         return flat_row(self.carry_shape, self.example if carry is None else carry)
 
     def _rows(self, inputs: Tree) -> np.ndarray:
-        """The inputs as rows (N, ·) to read from: they themselves, where they are one array."""
+        """Return the inputs as rows (N, ·) to read from, without a copy if they are one suitable array."""
         shape = self.input_shape
         if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
             fits = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)
@@ -379,7 +384,7 @@ class TracedScan(Scan):
 
 
 def _symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:
-    """Square matrices that start symmetric, as far as the start is known."""
+    """Yield the square matrices that start symmetric, or whose start is unknown."""
     at = 0
     for leaf in leaves(shape):
         if len(leaf.shape) == 2 and leaf.shape[0] == leaf.shape[1] > 1:

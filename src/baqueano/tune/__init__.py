@@ -1,4 +1,4 @@
-"""Vehicle file → gains of its controller, tuned on the identified model.
+"""Tune the gains of a vehicle file's controller on its identified model.
 
 tuned = tune(vehicle_file, route)
 print(tuned.table())

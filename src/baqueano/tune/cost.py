@@ -1,16 +1,16 @@
-"""The cost of a set of gains: the paper's cost of a drive along its route.
+"""The cost of a set of gains: the paper's cost of a drive along its route, plus prices of the command.
 
-    C(p) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
+    C(g) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
     r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,   k r − ½ k² beyond                             (2)
-    + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)² + p Σ_t Σ_i (u_i,t / limit_i)²         ours; 0 in the paper  (3)
+    + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)² + p Σ_t Σ_i (u_i,t / limit_i)²         not in the paper   (3)
 
-η is the pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters").
-The paper sums metres and radians: w [m] is the weight of a radian. By default it is half the track (errata 13), the
-distance that a wheel moves when the vehicle turns in place by one. Nor does it give h: k is 0.1 m by
-default. Huber's norm of the whole vector, not of its entries, so that turning the map changes nothing.
-The paper puts no price on the command, and the least cost is then a vehicle that trembles along its route;
-q [m²] is the price of jerks, by default 0.1. The price p [m²] of effort is 0 by default: most of the effort is what
-the route needs. For the paper's own cost write jerk_m2 = 0 and aside_m = 0, a start on the route.
+g: gains; η: pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters"); η_ref:
+reference; u: command; Δ: errors. The paper adds metres and radians; here w [m] is the weight of a radian. Its default
+is half the track (errata 13): the way of a wheel per radian of a turn in place. The paper does not define h; k is 0.1 m
+by default. Huber's norm is of the whole vector, so that a rotation of the map does not change it. The paper does
+not have a price on the command, and its optimum oscillates along the route. q [m²] is the price of jerks, by default
+0.1. The price p [m²] of effort is 0 by default, because the route needs most of the effort. For the paper's own cost
+set jerk_m2 = 0 and aside_m = 0, a start on the route.
 """
 
 from typing import NamedTuple
@@ -31,15 +31,15 @@ class Weights(NamedTuple):
 
 
 class TickErrors(NamedTuple):
-    """The outputs of a tick beside its cost."""
+    """The errors of a tick, which are reported with its cost."""
 
     distance_m: Tree  # from the reference
     heading_rad: Tree
-    saturated: Tree  # 1.0 where the supervisor or the vehicle's limit cut the command
+    saturated: Tree  # 1.0 if the command is at its limit
 
 
 def tick_cost(weights: Weights, limit: np.ndarray, output: Tree) -> Tree:
-    """Return a term of the sum, a scalar [m²].  (2), (3)"""
+    """Return the term of one tick in the sum, a scalar [m²].  (2), (3)"""
     cost = path_cost(weights, output)
     if weights.jerk_m2 != 0.0:
         cost = cost + weights.jerk_m2 * jerk(limit, output)
@@ -68,7 +68,7 @@ def effort(limit: np.ndarray, output: Tree) -> Tree:
 
 
 def shown(limit: np.ndarray, output: Tree) -> TickErrors:
-    """Distance, heading and saturation of a tick."""
+    """Return distance, heading error and saturation of a tick."""
     d = output.record.reference.eta - output.truth.eta
     full = (np.abs(output.record.command.u) >= limit) & (limit > 0.0)
     return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))

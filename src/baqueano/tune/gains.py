@@ -1,14 +1,14 @@
-"""Vehicle file + routes → gains: the paper's cost and a price on jerks (cost.py), its exact gradient through the
-compiled loop, L-BFGS-B. The vehicle starts `aside_m` behind and beside its route, so that the feedback has work: a
-model that is right needs none on its route. The paper's cost alone is jerk_m2 = 0 and aside_m = 0; its gains drive
-from limit to limit.
+"""Tune gains: minimise the paper's cost plus a price on jerks (cost.py), with exact gradients of the compiled loop.
 
-Default: the loop with perfect pose, as the paper says ("η_e is obtained by simulating the system"). With
-`estimator=True` the file's own estimator stands in the loop and the sensors have their noise; the pose of the
-cost is the vehicle's, not the estimated one, and converters work without steps (the slope of a staircase is 0). With
-`draws` the cost is nearly that of the worst vehicle drawn from the covariance of the fit (rehearsal.py): gains that
-suit one exact vehicle are too sharp for the real one. The nominal gains are a start of that search, and both are judged
-on others.
+The vehicle starts `aside_m` behind and beside its route, so that the feedback has an effect: on its route, a vehicle
+with an exact model does not need feedback. The paper's cost only is jerk_m2 = 0 and aside_m = 0; its gains switch the
+command from limit to limit.
+
+By default the pose in the loop is exact, as in the paper ("η_e is obtained by simulating the system"). With
+`estimator=True` the file's own estimator is in the loop, and the sensors have noise. The cost then uses the true pose.
+Converters work without steps, because the slope of a staircase is 0. With `draws` the cost is nearly that of the worst
+vehicle drawn from the covariance of the fit (rehearsal.py): gains for one exact model are too high for a real vehicle.
+That search also starts from the nominal gains, and both results are judged on other vehicles.
 """
 
 from collections.abc import Sequence
@@ -28,10 +28,10 @@ from baqueano.tune.tuned import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-JUDGES = 200  # vehicles, others than those of the search
-FRESH = 30  # seeds, likewise
-FAR = 1000  # from the seeds of the search to those that judge
-WIDENED = 3  # times at most
+JUDGES = 200  # vehicles that judge the result; the search did not use them
+FRESH = 30  # seeds that judge the result; the search did not use them
+FAR = 1000  # offset between the seeds of the search and those that judge
+WIDENED = 3  # largest number of repeated searches with wider bounds
 
 
 def tune(
@@ -49,18 +49,18 @@ def tune(
     vehicle_file : VehicleFile
         The identified vehicle and its controller.
     route : Route or guide, or sequence of them
-        What to follow; of several the mean cost counts.
+        The routes to follow; the cost is the mean over them.
     starts : int
-        Number of descents, beside one from the file's own gains.
+        Number of descents, in addition to one from the file's own gains.
     polish : bool
-        Search on without slopes where the cost is rough, at up to ten times the time.
+        Continue the search without gradients if the cost is rough; this takes up to ten times as long.
     **options : object
         Keywords of `rehearse`: controller, gains, bounds, laps, duration_s, estimator, seeds, draws, seed, …
 
     Returns
     -------
     TuneResult
-        The gains; `.applied()` is the vehicle file with them, `.controller` the block.
+        The gains; `.applied()` returns the vehicle file with them, `.controller` is the block.
 
     Raises
     ------
@@ -103,8 +103,10 @@ def tune(
 def searched(
     rehearsal: Rehearsal, own: list[np.ndarray], starts: int, polish: bool
 ) -> tuple[Rehearsal, list[Descent]]:
-    """The descents, the least cost first, and the drives with the bounds that were needed: where a gain ends on a soft
-    bound, the search goes on from there with a wider one."""
+    """Return the drives with the bounds that were needed, and the descents, the least cost first.
+
+    If a gain ends on a soft bound, the search continues from there with a wider bound.
+    """
     descents: list[Descent] = []
     best = np.zeros(0)
     for _ in range(1 + WIDENED):
@@ -129,8 +131,10 @@ def searched(
 def judged(
     vehicle_file: "VehicleFile", rehearsal: Rehearsal, robust: list[Descent], sharp: np.ndarray, seed: int
 ) -> tuple[WorstCase, list[Descent]]:
-    """The worst costs over other vehicles, and the descents, that with the least worst cost first; the nominal gains,
-    `sharp`, are among them."""
+    """Return the worst costs over other vehicles, and the descents, the least worst cost first.
+
+    The nominal gains `sharp` are among the candidates.
+    """
     system = rehearsal.legs[0].system
     judges = replace(rehearsal, vehicles=drawn_vehicles(vehicle_file, system, JUDGES, seed + FAR)[1])
     cost = rehearsal.cost(sharp)
@@ -144,7 +148,7 @@ def judged(
 
 
 def _fresh(rehearsal: Rehearsal, gains: np.ndarray, seed: int) -> FreshSeeds:
-    """The cost on noise that the search has not met."""
+    """Return the cost with noise of other seeds than those of the search."""
     fresh = rehearsal.nominal().with_seeds(seed + FAR, FRESH)
     return FreshSeeds(FRESH, fresh.cost(gains), rehearsal.nominal().cost(gains))
 
@@ -181,7 +185,7 @@ def _tune_result(
 
 
 def _around(rehearsal: Rehearsal, best: Descent) -> np.ndarray:
-    """The cost (p, k) with each gain alone at k factors, relative to the least."""
+    """Return the cost (p, k) with each gain changed separately by k factors, relative to the least cost."""
     p = len(best.gains)
     gains = np.tile(best.gains, (p, len(FACTORS), 1))
     for k in range(p):
@@ -190,7 +194,7 @@ def _around(rehearsal: Rehearsal, best: Descent) -> np.ndarray:
 
 
 def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
-    """Gain k, with the cost when it alone is smaller and larger."""
+    """Return gain `k`, with the relative cost if only this gain is smaller or larger."""
     space, (less, more) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
     description = space.names[k], space.units[k], float(best.gains[k]), float(space.before[k])
     ends = float(space.low[k]), float(space.high[k]), limit

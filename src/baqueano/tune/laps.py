@@ -1,9 +1,9 @@
-"""A simulated lap for each set of gains, by one kernel: its path, its cost, and how steep the cost is there.
+"""Simulate a lap for each set of gains with one kernel: its path, its cost, and the gradient of the cost.
 
-    C(p, q) = C_path(p) + q C_jerk(p)                                      cost.py (1) to (3)             (1)
+    C(g, q) = C_path(g) + q C_jerk(g)                                      cost.py (1) to (3)             (1)
 
-Both terms are kept apart, so that another price q needs no other lap. The vehicle is the model of the file with
-perfect pose, and begins `aside_m` behind and beside the route, as in `tune`.
+g are the gains, q is the price of jerks. The two terms are returned separately, so another q does not need another lap.
+The vehicle is the model of the file with exact pose. It starts `aside_m` behind and beside the route, as in `tune`.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from baqueano.tune.search_space import SearchSpace, search_space
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-LONGEST_S = 60.0  # of a lap
+LONGEST_S = 60.0  # longest simulated time of a lap
 
 
 class _LapTick(NamedTuple):
@@ -40,7 +40,7 @@ class _LapTick(NamedTuple):
 
 
 class SimulatedLap(NamedTuple):
-    """A lap with some gains."""
+    """A lap with given gains."""
 
     x: np.ndarray  # (N,) [m]
     y: np.ndarray
@@ -84,7 +84,7 @@ class SimulatedLaps:
         return sums[:, [_LapTick._fields.index(name) for name in ("path", "jerk")]]
 
     def cost_and_gradient(self, gains: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """Return C and ∂C/∂gains (p,) at a price of jerks [m²].  (1)"""
+        """Return C and ∂C/∂gains (p,) for a price of jerks [m²].  (1)"""
         y, slopes = self._kernel.sensitivities(self._inputs, gains, carry=self._start)
         path, jerks = (_LapTick._fields.index(name) for name in ("path", "jerk"))
         cost = float(np.sum(y[:, path]) + price * np.sum(y[:, jerks]))
@@ -94,23 +94,23 @@ class SimulatedLaps:
 def simulated_laps(
     vehicle_file: "VehicleFile", route: Route, kind: str | None = None, backend: str = "auto"
 ) -> SimulatedLaps:
-    """Return the laps of the file's vehicle on a route, or the first LONGEST_S of a longer one.
+    """Return the laps of the file's vehicle on a route, or on the first LONGEST_S of a longer one.
 
     Parameters
     ----------
     vehicle_file : VehicleFile
         The identified vehicle and its controller.
     route : Route
-        What to follow, once.
+        The route to follow once.
     kind : str, optional
-        A controller in place of the file's: a kind of ours, or "file.py:Class".
+        A controller in place of the file's: a kind of the package, or "file.py:Class".
     backend : str
         "auto", "c" or "python".
 
     Returns
     -------
     SimulatedLaps
-        Compiled at the first lap.
+        The laps; they are compiled at the first lap.
 
     Raises
     ------

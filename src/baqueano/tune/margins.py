@@ -1,12 +1,12 @@
-"""The gain, phase and delay that a loop bears, linearised where it drives straight on at a steady speed.
+"""The gain, phase and delay margins of a loop, linearised at straight driving with a steady speed.
 
-    x⁺ = A x + B u,    y = C x + D u          vehicle, delay, sensors, controller; u in force, y the next    (1)
+    x⁺ = A x + B u,    y = C x + D u          vehicle, delay, sensors, controller; u acts now, y the next    (1)
     L_i(z) = −z⁻¹ (C (zI − A)⁻¹ B + D)_ii,    z = exp(jω δ)        channel i opened, the others closed         (2)
     gain: 1/|L_i| where L_i < 0,    phase: φ = π + arg L_i where |L_i| = 1,    delay: φ/ω                      (3)
 
-(1) are the Jacobians of one tick of the loop, by the engine; the delay of the model is in A as its line of past
-commands, z⁻ᵏ. The pose is known: an estimator adds a delay of its own. Source: Åström and Murray, Feedback Systems,
-2008, section 9.3.
+x is the state, u the command, y the next command, δ the tick, ω the frequency. (1) contains the Jacobians of one tick
+of the loop, from the engine. The delay of the model is in A as its line of past commands, z⁻ᵏ. The pose is exact; an
+estimator adds its own delay. Source: Åström and Murray, Feedback Systems, 2008, section 9.3.
 """
 
 from collections.abc import Callable
@@ -31,23 +31,23 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 SETTLE_S = 0.5
-NEWTON, STEADY = 8, 1e-7  # steps at most, and what is left of them, relative
+NEWTON, STEADY = 8, 1e-7  # largest number of steps, and relative error at which Newton's method ends
 LONGER_S, CALM_S, CALM = 4.0, 0.5, 0.05  # a drive is steady if the command of its last CALM_S changes less
 SLOWEST_M_S = 0.01  # a steady drive is faster
 FREQUENCIES = 2000
 LOWEST_RAD_S = 0.02
-GROWS = 1.0 + 1e-5  # a tick: by 0.1 % in a second; an error that nothing corrects does not grow
+GROWS = 1.0 + 1e-5  # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
 STEPS = 50  # of a bisection
 
 
 class LoopMargins(NamedTuple):
-    """The margins of one channel of the command, the other channels closed."""
+    """The margins of one channel of the command, with the other channels closed."""
 
     channel: str  # "u_psi"
-    gain_up: float  # factor at which the loop becomes unstable; inf: none does
-    gain_down: float  # the same below 1; 0: none does
-    phase_rad: float  # inf: |L| never is 1
-    delay_s: float  # more than the vehicle has; inf likewise
+    gain_up: float  # factor above 1 at which the loop becomes unstable; inf if it never does
+    gain_down: float  # factor below 1 at which the loop becomes unstable; 0 if it never does
+    phase_rad: float  # inf if |L| is never 1
+    delay_s: float  # additional delay; inf if |L| is never 1
     speed_m_s: float  # of the steady drive
     stable: bool  # the whole loop
 
@@ -75,7 +75,7 @@ class Linear(NamedTuple):
 def loop_margins(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LoopMargins, ...]:
-    """Return the margins of each channel that has a limit above 0; empty without a steady drive."""
+    """Return the margins of each channel with a limit above 0; empty at low speed or without a finite linearisation."""
     if not speed_m_s > SLOWEST_M_S:
         return ()
     plant, steady = linearised(vehicle_file, controller, speed_m_s)
@@ -110,7 +110,7 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
 
 
 def opened(plant: Linear, channel: int) -> Linear:
-    """Return L of a channel, the others closed: their commands become states.  (2)"""
+    """Return L of a channel with the other channels closed: their commands become states.  (2)"""
     A, B, C, D, dt_s = plant
     closed_channels = [k for k in range(B.shape[1]) if k != channel]
     n, m = len(A), len(closed_channels)
@@ -126,7 +126,7 @@ def opened(plant: Linear, channel: int) -> Linear:
 
 
 def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> tuple[Linear, bool]:
-    """Return a tick of the loop around a straight drive, and whether that is steady.  (1)
+    """Return a tick of the loop around a straight drive, linearised, and True if that drive is steady.  (1)
 
     Newton's method finds the state x that a tick only moves along: f(x) = x + v δ ∂x/∂place.
     """
@@ -147,7 +147,7 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
 
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
     x, J, steady = _steady(tick, flat.of(state), speed_m_s * dt_s * along)
-    if not steady:  # as where nothing corrects the error beside the path
+    if not steady:  # for example, the controller does not correct the error beside the path
         t_ns = times(round(LONGER_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
         J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)
@@ -159,7 +159,7 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
 def _steady(
     tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return the row that a tick shifts only, by Newton's method from x, the Jacobian there, and whether it exists."""
+    """Return the row that a tick only shifts, the Jacobian there, and True if Newton's method found them from x."""
     J = np.zeros((len(x), len(x)))
     for _ in range(NEWTON):
         J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
@@ -181,7 +181,7 @@ def _drive_system(system: System, state: SystemState, t_ns: np.ndarray) -> tuple
 
 
 class _Numbers:
-    """The numbers of a state that are not integers, in a row, the command last."""
+    """The non-integer numbers of a state as a row, with the command last."""
 
     def __init__(self, example: SystemState) -> None:
         self.shape = shape_of(_parts(example), "state")
@@ -190,7 +190,7 @@ class _Numbers:
         self.free = [k for k, leaf in enumerate(self.leaves) if leaf.kind == "f"]
 
     def of(self, state: SystemState) -> Tree:
-        """Return the row."""
+        """Return the row of a state."""
         each = list(values(self.shape, _parts(state)))
         return np.concatenate([np.reshape(each[k], -1) for k in self.free])
 
@@ -212,7 +212,7 @@ def _parts(state: SystemState) -> tuple[Tree, ...]:
 
 
 def _straight(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> System:
-    """The loop of the file with this controller on a straight route, pose and velocity known."""
+    """Return the loop of the file with this controller on a straight route, with exact pose and velocity."""
     t_s = np.array([0.0, 2.0 * LONGER_S])
     eta, nu = np.zeros((2, 3)), np.zeros((2, 3))
     eta[:, 0], nu[:, 0] = speed_m_s * t_s, speed_m_s
@@ -227,7 +227,7 @@ def _moving(vehicle: Tree, speed_m_s: float) -> Tree:
 
 
 def _crossing(loop: Linear, ends: np.ndarray, of: object) -> float:
-    """The frequency between two where a function of L changes its sign."""
+    """Return the frequency between two others at which a function of L changes its sign."""
     low, high = (float(x) for x in ends)
     sign = np.sign(of(loop.at(low)[0]))  # type: ignore[operator]
     for _ in range(STEPS):

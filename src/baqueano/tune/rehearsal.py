@@ -1,13 +1,14 @@
-"""The drives that a search tries again and again, as compiled functions of the gains.
+"""The simulated drives that a search repeats, as compiled functions of the gains.
 
     C(g) = (1/V Σ_v C_v⁸)^(1/8),    C_v = mean over routes and seeds of the cost of vehicle v              (1)
 
-With one vehicle (1) is its mean cost; over many it is nearly that of the worst, and has a slope everywhere:
+g are the gains, V is the number of vehicles. With one vehicle (1) is its mean cost. With many it is nearly that of the
+worst vehicle, and differentiable everywhere:
 
     ∂C = Σ_v (C_v / C)⁷ ∂C_v / V                                                                          (2)
 
 Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn ± DELAY_S. Many drives
-run side by side in lanes (symbolic/), few one after the other: a kernel of lanes takes longer to compile.
+run in parallel lanes (symbolic/), a few run one after the other, because a kernel of lanes takes longer to compile.
 """
 
 from collections.abc import Sequence
@@ -37,16 +38,16 @@ from baqueano.worlds.noise import stream
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-RADIAN_M = 0.1  # where the file gives no track and no radius
+RADIAN_M = 0.1  # weight of a radian if the file contains neither a track nor a radius
 HUBER_M = 0.1
-ASIDE_M = 0.1  # on its route, a vehicle whose model is right needs no feedback: no gain would have a slope
+ASIDE_M = 0.1  # with 0 and an exact model, feedback is not needed, and the gradient of every gain is 0
 JERK_M2 = 0.1
 POWER = 8  # of (1)
 DELAY_S = 0.01
 DELAY = "model.drivetrain.delay_s"
 SAMPLES = 32  # of a route, for its speed
-LANES_FROM = 32  # drives, from which gradients are worth the compilation of lanes
-TICKS_FROM = 1_000_000  # the same of costs alone: ticks of all drives
+LANES_FROM = 32  # number of drives from which lanes are compiled for gradients
+TICKS_FROM = 1_000_000  # number of ticks of all drives from which lanes are compiled for costs
 
 
 class TunedDrive(NamedTuple):
@@ -71,13 +72,13 @@ class Leg(NamedTuple):
 
     @property
     def speed_m_s(self) -> float:
-        """Return the median speed that the route asks for."""
+        """Return the median speed of the route's reference."""
         at = times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SAMPLES]
         velocities = [reference.nu for reference in references_of(self.system, at.tolist())]
         return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
     def with_seeds(self, seeds: Sequence[int | None]) -> "Leg":
-        """Return the same with the noise of other seeds; None: without noise."""
+        """Return the same leg with the noise of other seeds; None as a seed means without noise."""
         t_ns, sensors = times(self.ticks, self.rate_hz), self.system.sensors
         noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
@@ -89,10 +90,10 @@ class Rehearsal:
 
     space: SearchSpace
     weights: Weights
-    loop: str  # in words
+    loop: str  # "perfect pose" or "estimator in the loop"
     legs: tuple[Leg, ...]
     seeds: int  # of the noise of each leg
-    vehicles: np.ndarray  # (v, q) parameters that were drawn; (1, 0): the file's own vehicle alone
+    vehicles: np.ndarray  # (v, q) parameters that were drawn; (1, 0): only the file's own vehicle
 
     @property
     def backend(self) -> str:
@@ -101,25 +102,25 @@ class Rehearsal:
 
     @property
     def drives(self) -> int:
-        """Return how many drives one cost needs."""
+        """Return the number of drives that one cost needs."""
         return len(self.legs) * self.seeds * len(self.vehicles)
 
     def cost(self, gains: np.ndarray) -> float:
-        """C [m²].  (1)"""
+        """Return C [m²] for the gains (p,).  (1)"""
         return float(self.costs(gains[None])[0])
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
-        """C of several sets of gains (k, p), (k,)."""
+        """Return C (k,) for k sets of gains (k, p).  (1)"""
         return softest(self.of_vehicles(gains))
 
     def of_vehicles(self, gains: np.ndarray) -> np.ndarray:
-        """C_v of several sets of gains (k, p), (k, v)."""
+        """Return the cost C_v (k, v) of each vehicle for k sets of gains (k, p)."""
         k, v = len(gains), len(self.vehicles)
         theta = np.concatenate([np.repeat(gains, v, axis=0), np.tile(self.vehicles, (k, 1))], axis=1)
         return self._mean(theta, 0)[0].reshape(k, v)
 
     def cost_and_gradient(self, gains: np.ndarray) -> tuple[float, np.ndarray]:
-        """C and ∂C/∂gains (p,).  (2)"""
+        """Return C and ∂C/∂gains (p,).  (2)"""
         own = np.broadcast_to(gains, (len(self.vehicles), len(gains)))
         each, slopes = self._mean(np.concatenate([own, self.vehicles], axis=1), len(gains))
         cost = float(softest(each[None])[0])
@@ -139,27 +140,33 @@ class Rehearsal:
         return TunedDrive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
 
     def begun_with(self, gains: np.ndarray) -> "Rehearsal":
-        """Return the same drives with the memory with which a controller of these gains begins."""
+        """Return the same drives, starting with the initial memory of a controller with these gains."""
         block = self.space.with_gains(gains)
         legs = tuple(leg._replace(start=_at_start(leg.start, block)) for leg in self.legs)
         return replace(self, legs=legs)
 
     def remembers(self, gains: np.ndarray) -> bool:
-        """Return True where the memory at the start depends on the gains: then it is that of `space.block`."""
+        """Return True if the controller's initial memory depends on the gains.
+
+        The drives then start with the memory of `space.block`.
+        """
         now, then = self.space.block.init(), self.space.with_gains(gains).init()
         return any(not np.array_equal(a, b) for a, b in zip(_flat(now), _flat(then), strict=True))
 
     def nominal(self) -> "Rehearsal":
-        """Return the same with the file's own vehicle alone."""
+        """Return the same drives with only the file's own vehicle."""
         return replace(self, vehicles=self.vehicles[:1])
 
     def with_seeds(self, first: int, count: int) -> "Rehearsal":
-        """Return the same with other noise."""
+        """Return the same drives with other noise."""
         legs = tuple(leg.with_seeds(range(first, first + count)) for leg in self.legs)
         return replace(self, legs=legs, seeds=count)
 
     def _mean(self, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
-        """The cost of each row of θ (r, p + q), the mean over routes and seeds, (r,), and its slopes (r, slopes)."""
+        """Return the mean cost (r,) over routes and seeds for each row of θ (r, p + q), and its gradient.
+
+        The gradient (r, slopes) is that by the first `slopes` entries of θ.
+        """
         total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
         for leg in self.legs:
             of = _in_lanes if self._worth_lanes(leg, len(theta), slopes) else _in_turn
@@ -173,7 +180,7 @@ class Rehearsal:
 
 
 def softest(each: np.ndarray) -> np.ndarray:
-    """(k,) of costs (k, v).  (1)"""
+    """Return the combined cost (k,) of costs (k, v).  (1)"""
     worst = np.max(each, axis=1, keepdims=True)
     safe = np.where((worst > 0.0) & np.isfinite(worst), worst, 1.0)
     soft = safe[:, 0] * np.mean((each / safe) ** POWER, axis=1) ** (1.0 / POWER)
@@ -181,7 +188,7 @@ def softest(each: np.ndarray) -> np.ndarray:
 
 
 def _in_turn(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
-    """The mean over seeds of the cost of each row of θ, and its slopes."""
+    """Return the mean cost over seeds for each row of θ, and its gradients, one drive after the other."""
     total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
     for inputs in leg.inputs:
         for k, row in enumerate(theta):
@@ -195,7 +202,7 @@ def _in_turn(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.n
 
 
 def _in_lanes(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same, many at once: the noise of a seed is common to its lanes."""
+    """Return the mean cost over seeds for each row of θ, and its gradients, in parallel lanes with common noise."""
     total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
     for inputs in leg.inputs:
         cost, slope = leg.cost.batch_sums(inputs, theta, slopes, carry=leg.start)
@@ -223,14 +230,14 @@ def rehearse(
     seed: int = 0,
     backend: str = "auto",
 ) -> Rehearsal:
-    """The cost of the drives along `routes`, as compiled functions of the gains.
+    """Return the cost of the drives along `routes`, as compiled functions of the gains.
 
-    `controller`: in place of the file's. `gains` and their `bounds`: all parameters of the controller, unless named;
-    `laps` of the routes, or `duration_s` of each. `radian_m` is the weight of a radian; beyond `huber_m` errors count
-    linearly. `jerk_m2` is the price of a change of the command from limit to nothing within a tick; `effort_m2` is that
-    of a tick at the limit; the paper lacks both. `aside_m`: how far behind and to the left of the
-    route's start the vehicle begins, 0 in the paper. `estimator`: in the loop, with the noise of `seeds` seeds from
-    `seed` on; `draws`: vehicles from the covariance of the fit.
+    `controller` replaces that of the file. `gains` and their `bounds` are all parameters of the controller by default.
+    The drive has `laps` laps of each route, or lasts `duration_s`. `radian_m` is the weight of a radian; errors beyond
+    `huber_m` count linearly. `jerk_m2` is the price of a change of the command by its limit within a tick. `effort_m2`
+    is the price of a tick at the limit; the paper lacks both prices. `aside_m` is the distance of the vehicle's start
+    behind and to the left of the route's start; 0 in the paper. `estimator` adds the estimator to the loop, with the
+    noise of `seeds` seeds from `seed` on. `draws` is the number of vehicles from the covariance of the fit.
     """
     weights = weights_of(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
@@ -270,7 +277,7 @@ def _leg(
 def drawn_vehicles(
     vehicle_file: "VehicleFile", system: System, count: int, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Paths and values (1 + count, q) of the vehicles: the file's own first."""
+    """Return paths and values (1 + count, q) of the vehicles: the file's own first."""
     paths, theta, _ = drawn(vehicle_file, system, count, seed)
     own = flat(system, paths)
     delay = getattr(getattr(system.model, "drivetrain", None), "delay_s", None)
@@ -282,10 +289,10 @@ def drawn_vehicles(
 
 
 def _with_room(system: System, paths: tuple[str, ...], vehicles: np.ndarray, rate_hz: float) -> System:
-    """The system with room for the longest delay that was drawn."""
+    """Return the system with slots for the longest delay that was drawn."""
     if DELAY not in paths:
         return system
-    longest = float(np.max(vehicles[:, paths.index(DELAY)])) + DELAY_S  # those that judge are drawn later
+    longest = float(np.max(vehicles[:, paths.index(DELAY)])) + DELAY_S  # the judging vehicles are drawn later
     slots = ceil(longest * rate_hz)
     return put(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 
@@ -295,7 +302,7 @@ def _at_start(start: SystemState, controller: object) -> SystemState:
 
 
 def unquantised(system: System) -> System:
-    """Return the system without the steps of converters and timers: the slope of a staircase is 0."""
+    """Return the system without the steps of converters and timers, because the slope of a staircase is 0."""
     blocks = [("model.drivetrain", getattr(system.model, "drivetrain", None))]
     for path, block in [*blocks, *((f"sensors.{name}", s) for name, s in system.sensors._asdict().items())]:
         for field, _ in parameters(block) if is_dataclass(block) else ():
@@ -305,7 +312,7 @@ def unquantised(system: System) -> System:
 
 
 def rms(x: np.ndarray) -> float:
-    """Root of the mean square."""
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(x**2)))
 
 
@@ -316,7 +323,7 @@ def weights_of(
     jerk_m2: float,
     effort_m2: float = 0.0,
 ) -> Weights:
-    """The settings of the cost, checked."""
+    """Return the settings of the cost; raise UsageError if one is out of range."""
     radian_m = _radian(vehicle_file) if radian_m is None else radian_m
     weights = Weights(radian_m, huber_m, jerk_m2, effort_m2)
     if not (radian_m >= 0.0 and huber_m > 0.0 and jerk_m2 >= 0.0 and effort_m2 >= 0.0):
@@ -325,7 +332,7 @@ def weights_of(
 
 
 def _radian(vehicle_file: "VehicleFile") -> float:
-    """Half the track [m], else the platform's radius, else RADIAN_M."""
+    """Return half the track [m], else the platform's radius, else RADIAN_M."""
     geometry = vehicle_file.geometry
     if geometry.track_m is not None:
         return 0.5 * geometry.track_m

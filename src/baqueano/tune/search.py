@@ -1,11 +1,12 @@
-"""The least cost within bounds, from several starts, with exact gradients.
+"""Minimise a cost within bounds, from several starts, with exact gradients.
 
-    g = low + (high − low) (e^{cx} − 1) / (e^c − 1),   x in [0, 1]                                        (1)
+    g = low + (high − low) (e^{cx} − 1) / (e^c − 1),   x in [0, 1],   c = CURVE                           (1)
 
-(1) gives small gains as much room as large ones, and keeps a slope at 0, so that a gain can leave its bound.
-The unit cube is looked over at a fixed set of points (Halton 1960); from the best of them L-BFGS-B (Byrd et
-al. 1995) goes down. Where it ends on a slope, the cost is not smooth (motors that switch to and fro); the
-simplex of Nelder and Mead continues from there. Nothing is random: the same question has the same answer.
+g is a gain, x its coordinate in the search. (1) gives small gains as much room as large ones. Its slope at 0 is above
+0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of the unit cube (Halton 1960).
+L-BFGS-B (Byrd et al. 1995) descends from the best of them. If its gradient at the end is still large, the cost is not
+smooth (for example, motors that switch direction). Then the simplex of Nelder and Mead continues from there. The search
+is deterministic: the same input gives the same result.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,15 +18,15 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 CURVE = 7.0  # c: the middle of the range is 3 % of its upper end
-LOOKED_OVER = 24  # points of the cube
+LOOKED_OVER = 24  # points of the cube that are evaluated before the descents
 STARTS = 3
 EVALUATIONS = 60  # of one descent
 SLOPE = 1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is not a minimum of a smooth cost
-SIMPLEX = 150  # evaluations of one search without slopes
-SEARCHES, SIZE = 3, 0.1  # one after the other, and of the first simplex of each, of x
+SIMPLEX = 150  # evaluations of one search without gradients
+SEARCHES, SIZE = 3, 0.1  # number of simplex searches in a row, and size of the first simplex of each, in x
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 NEAR_LIMIT = 1e-3  # of the range in x
-UNUSABLE = 1e30  # the cost of gains with which the vehicle leaves the finite numbers
+UNUSABLE = 1e30  # the cost of gains for which the simulation diverges
 
 Cost = Callable[[np.ndarray], float]
 CostAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
@@ -38,7 +39,7 @@ class Descent(NamedTuple):
     gains: np.ndarray  # (p,) where it ended
     cost: float
     costs: np.ndarray  # (e,) of each evaluation, that of the start first
-    slope: float  # what L-BFGS-B left of it, relative to the cost; 0 at the minimum of a smooth cost
+    slope: float  # gradient at the end of L-BFGS-B, relative to the cost; 0 at the minimum of a smooth cost
     way: tuple[np.ndarray, ...] = ()  # gains (p,) after each step, those of the start first
 
 
@@ -51,8 +52,10 @@ def search(
     starts: int = STARTS,
     polish: bool = True,
 ) -> list[Descent]:
-    """Descents from the best of the looked-over points and from each of `own`, the least cost first. With
-    `polish`, searches without slopes follow where the cost turns out to be rough."""
+    """Return the descents from the best of the evaluated points and from each of `own`, the least cost first.
+
+    With `polish`, searches without gradients follow if the cost is rough.
+    """
     minimize = _minimize()
     points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
     by_cost = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
@@ -104,7 +107,7 @@ def _descend(
 
 
 def _slope(optimum: Any, x: np.ndarray) -> float:
-    """Return the largest descent slope that the bounds allow, relative to the cost."""
+    """Return the largest component of the gradient that the bounds do not block, relative to the cost."""
     g = np.where(
         x <= 0.0, np.minimum(optimum.jac, 0.0), np.where(x >= 1.0, np.maximum(optimum.jac, 0.0), optimum.jac)
     )
@@ -112,7 +115,7 @@ def _slope(optimum: Any, x: np.ndarray) -> float:
 
 
 def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
-    """Return the descent, continued without slopes."""
+    """Return the descent, continued without gradients."""
     costs: list[float] = []
 
     def f(x: np.ndarray) -> float:
@@ -132,28 +135,28 @@ def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high:
 
 
 def gains(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """g (p,) of x (p,).  (1)"""
+    """Return the gains g (p,) of the coordinates x (p,).  (1)"""
     return low + (high - low) * np.expm1(CURVE * x) / np.expm1(CURVE)
 
 
 def place(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """x (p,) of g (p,).  (1)"""
+    """Return the coordinates x (p,) of the gains g (p,).  (1)"""
     return np.log1p((g - low) / (high - low) * np.expm1(CURVE)) / CURVE
 
 
 def stretch(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """∂g/∂x (p,).  (1)"""
+    """Return ∂g/∂x (p,).  (1)"""
     return (high - low) * CURVE * np.exp(CURVE * x) / np.expm1(CURVE)
 
 
 def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return where g (p,) is on a bound: −1 the lower, +1 the upper, 0 none."""
+    """Return −1 for each gain of g (p,) on its lower bound, +1 on its upper bound, else 0."""
     x = place(np.clip(g, low, high), low, high)
     return np.where(x < NEAR_LIMIT, -1, np.where(x > 1.0 - NEAR_LIMIT, 1, 0))
 
 
 def halton(points: int, dimensions: int) -> np.ndarray:
-    """(points, dimensions) of the unit cube, evenly spread."""
+    """Return (points, dimensions) points of the unit cube, evenly spread."""
     if dimensions > len(PRIMES):
         raise UsageError(fault("tune.too-many", dimensions=dimensions, most=len(PRIMES)))
     out = np.zeros((points, dimensions))

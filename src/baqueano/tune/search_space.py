@@ -1,8 +1,8 @@
-"""The gains that a search looks for: names, units and bounds, from the metadata of the controller's fields.
+"""The gains that a search varies: names, units and bounds, from the metadata of the controller's fields.
 
-An array is one gain per entry: "e_max[0]". Bounds that the field gives are hard. A field without an upper bound has a
-soft one: what gives the full command for the smallest error, or SPREAD times the value that it has; a gain that ends
-there is searched for again beyond it.
+Each entry of an array is one gain: "e_max[0]". Bounds in the field are hard. A field without an upper bound gets a soft
+one: the gain that requests the full command for the smallest error, or SPREAD times its present value. If a gain ends
+on a soft bound, the search is repeated with a wider one.
 """
 
 import sys
@@ -24,9 +24,14 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 THE_PAPERS = ("alpha", "beta", "gamma")
-SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}  # error that may ask for the full command
-SPREAD = 20.0  # of a size that has no bounds, to either side
-WIDER = 4.0  # soft bounds, before a search is repeated
+SMALLEST = {
+    "m": 0.005,
+    "rad": 0.01,
+    "rad/s": 0.05,
+    "m/s": 0.02,
+}  # smallest error that may request the full command
+SPREAD = 20.0  # factor to either side for a size without bounds
+WIDER = 4.0  # factor on a soft bound, before a search is repeated
 
 
 class SearchSpace(NamedTuple):
@@ -36,18 +41,18 @@ class SearchSpace(NamedTuple):
     units: tuple[str, ...]
     low: np.ndarray  # (p,)
     high: np.ndarray  # (p,)
-    hard_low: np.ndarray  # (p,) bounds beyond which no search goes
+    hard_low: np.ndarray  # (p,) hard bounds, which a search never exceeds
     hard_high: np.ndarray
-    before: np.ndarray  # (p,) in the file, NaN where it lacks them
-    block: Controller  # with allowed values of them
+    before: np.ndarray  # (p,) values in the file, NaN for a gain that it lacks
+    block: Controller  # the controller with allowed values of the gains
 
     @property
     def first(self) -> JsonObject:
-        """Allowed values, by name."""
+        """Return an allowed value of each gain, by name."""
         return {name: float(np.asarray(get(self.block, name))) for name in self.names}
 
     def widened(self, ends: np.ndarray) -> "SearchSpace":
-        """Return the same with wider soft bounds where a gain is on one: `ends` (p,) of −1, 0, +1."""
+        """Return the space with wider soft bounds for gains that are on one: `ends` (p,) of −1, 0, +1."""
         high = np.where(ends > 0, np.minimum(WIDER * self.high, self.hard_high), self.high)
         low = np.where(ends < 0, np.maximum(self.low / WIDER, self.hard_low), self.low)
         return self._replace(low=low, high=high)
@@ -65,15 +70,17 @@ def with_gains(block: Controller, names: Iterable[str], gains: Iterable[float]) 
 
 
 def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | None = None) -> JsonObject:
-    """Return the keys of a vehicle file and their values for the gains of a block; with `controller`, its kind too.
-    UsageError for a class that no file holds."""
+    """Return the keys of a vehicle file and their values for the gains of a block; with `controller`, also its kind.
+
+    Raise UsageError for a class that is not defined in a file.
+    """
     fields = dict.fromkeys(name.partition("[")[0] for name in names)
     values: JsonObject = {f"controller.{field}": getattr(block, field) for field in fields}
     return values if controller is None else {"controller.kind": _kind(controller)} | values
 
 
 def _kind(controller: OwnBlock) -> str:
-    """The name of a kind, or "file.py:Class"."""
+    """Return the name of a kind, or "file.py:Class"."""
     if isinstance(controller, str):
         return controller
     kind = controller if isinstance(controller, type) else type(controller)
@@ -90,7 +97,7 @@ def search_space(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None = None,
     bounds: dict[str, tuple[float, float]] | None = None, controller: OwnBlock | None = None,
 ) -> SearchSpace:  # fmt: skip
-    """Return the gains, their bounds and their values in the file; `controller` in place of the file's."""
+    """Return the gains, their bounds and their values in the file; `controller` replaces that of the file."""
     bounds = bounds or {}
     block, complete = _block(vehicle_file, gains, controller)
     if optional.of(block, "as_written"):
@@ -123,7 +130,7 @@ def search_space(
 def _block(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None, controller: OwnBlock | None
 ) -> tuple[Controller, bool]:
-    """Return the controller, and True if the file holds its gains; else they are all to be found."""
+    """Return the controller, and True if the file contains its gains; else all of them have to be found."""
     try:
         return vehicle_file.controller(controller), True
     except BaqueanoError:
@@ -132,7 +139,7 @@ def _block(
 
 
 def _entries(block: Any) -> dict[str, Parameter]:
-    """The numbers among the fields of a block that are finite, by their names, each as a parameter of its own."""
+    """Return the finite numbers among the fields of a block, by name, each as a separate parameter."""
     out = {}
     for name, p in parameters(block):
         if p.shape is None:
@@ -148,14 +155,14 @@ def _entries(block: Any) -> dict[str, Parameter]:
 
 
 def _of(name: str, entries: dict[str, Parameter]) -> list[str]:
-    """The entries that a name stands for: one number, or all of an array."""
+    """Return the entries that a name stands for: one number, or all of an array."""
     return [name] if name in entries else [e for e in entries if e.partition("[")[0] == name]
 
 
 def _bounds(
     p: Parameter, full: float, now: float, bounds: tuple[float, float] | None
 ) -> tuple[float, float, float, float]:
-    """Return the bounds to begin with, and the hard ones: those that were given, else those of the field."""
+    """Return the bounds to begin with, and the hard ones: those in `bounds`, else those of the field."""
     if bounds is not None:
         return *bounds, *bounds
     low, high = p.low if np.isfinite(p.low) else 0.0, p.high

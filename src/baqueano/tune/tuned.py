@@ -1,4 +1,4 @@
-"""The result of `tune`, and its trustworthiness."""
+"""The result of `tune`, with checks of its reliability."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +32,7 @@ FACTORS = (
     1.25,
     1.6,
     2.0,
-)  # of a gain: where the cost around the optimum is taken
+)  # factors on a gain, for the cost around the optimum
 AGREE = 1e-3  # costs that differ by less than this part are the same
 
 
@@ -42,25 +42,25 @@ class Gain(NamedTuple):
     name: str  # "alpha"
     unit: str
     value: float
-    before: float  # in the file; NaN if it lacked it
+    before: float  # value in the file; NaN if the file lacked it
     low: float
     high: float
     limit: int  # −1 at the lower bound, +1 at the upper, else 0
-    cost_less: float  # cost with 0.8 of it, relative to the least: how sharp the choice is
-    cost_more: float  # with 1.25 of it
+    cost_less: float  # cost with 0.8 times the gain, relative to the least cost
+    cost_more: float  # cost with 1.25 times the gain, relative to the least cost
 
 
 class WorstCase(NamedTuple):
-    """The largest cost of a vehicle among others of the covariance than those of the search."""
+    """The largest cost over vehicles drawn from the covariance of the fit, which the search did not use."""
 
     draws: int  # vehicles of the search
     judges: int  # vehicles that judged
     cost: float  # [m²] with these gains
-    nominal: float  # with the gains that suit the file's own vehicle
+    nominal: float  # [m²] with the gains that are optimal for the file's own vehicle
 
 
 class FreshSeeds(NamedTuple):
-    """The cost on noise that the search has not met."""
+    """The cost with noise that the search did not use."""
 
     seeds: int
     cost: float  # [m²]
@@ -78,13 +78,13 @@ class TuneResult(Result):
     gains : tuple of Gain
         Each gain, its bounds and its effect on the cost.
     cost : float [m²]
-        Of the whole drive.
+        Cost of the whole drive.
     cost_before : float [m²]
-        With the file's gains; NaN where it lacked them.
+        Cost with the file's gains; NaN if it lacked them.
     cost_standing : float [m²]
-        Without any control.
+        Cost without any control.
     weights : Weights
-        Of the cost.
+        Settings of the cost.
     drive : TunedDrive
         Errors of a drive with these gains.
     descents : tuple of Descent
@@ -94,19 +94,19 @@ class TuneResult(Result):
     loop : str
         "perfect pose" or "estimator in the loop".
     backend : str
-        Of the kernels.
+        Back end of the kernels.
     controller : Controller
         The block with these gains.
     kind : str, type, block or None
-        What was tuned in place of the file's controller; None: the file's.
+        The controller that was tuned in place of the file's; None: the file's.
     around : ndarray (p, k)
-        Cost with each gain alone at the k FACTORS, relative to the least.
+        Cost with each gain changed separately by the k FACTORS, relative to the least cost.
     speed_m_s : float
-        That the routes ask for.
+        Mean speed of the routes.
     worst : WorstCase or None
-        Of the vehicles of the covariance; None: the file's own alone.
+        Largest cost over drawn vehicles; None: only the file's own vehicle was used.
     fresh : FreshSeeds or None
-        Of other noise; None: without noise.
+        Cost with other noise; None: the search was without noise.
 
     Examples
     --------
@@ -136,12 +136,12 @@ class TuneResult(Result):
 
     @property
     def values(self) -> dict[str, float]:
-        """Name → gain."""
+        """Return the gains by name."""
         return {gain.name: gain.value for gain in self.gains}
 
     @property
     def margins(self) -> tuple[LoopMargins, ...]:
-        """Return the gain, phase and delay that each channel of the loop bears at the speed of the routes."""
+        """Return the gain, phase and delay margins of each channel of the loop at the speed of the routes."""
         return loop_margins(self.vehicle_file, self.controller, self.speed_m_s)
 
     @property
@@ -151,12 +151,12 @@ class TuneResult(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE, WARN or REFUSED, by the reasons."""
+        """Return USABLE, WARN or REFUSED, by the reasons."""
         return Verdict.of(self.reasons)
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return the reasons against these gains: the one to refuse them, or all to doubt them."""
+        """Return the reasons against these gains: one error, or all warnings."""
         if not self.cost < 0.5 * self.cost_standing:
             far_m = self.drive.distance_rms_m
             return (note("tune.uncontrolled", Severity.ERROR, distance_m=far_m),)
@@ -193,7 +193,7 @@ class TuneResult(Result):
         return out
 
     def table(self) -> str:
-        """For people."""
+        """Return the result as text."""
         wide, unit = max(len(g.name) for g in self.gains), max(len(shown_unit(g.unit)) for g in self.gains)
         head = f"{_('gain'):<{wide}} {_('value'):>10}  {_('unit'):<{unit}}  {_('in the file'):>13}"
         lines = [f"{head}  {_('cost at × 0.8'):>13}  {_('at × 1.25'):>9}"]
@@ -230,7 +230,7 @@ class TuneResult(Result):
         ]  # fmt: skip
 
     def _check_lines(self) -> list[str]:
-        """The cost on vehicles and noise that the search has not met."""
+        """Return the lines with the cost on vehicles and noise that the search did not use."""
         lines = []
         if self.worst:
             lines.append(
@@ -251,7 +251,7 @@ class TuneResult(Result):
         return lines  # fmt: skip
 
     def applied(self) -> "VehicleFile":
-        """The vehicle file with these gains."""
+        """Return the vehicle file with these gains."""
         from baqueano.vehicle_file.history import Provenance
 
         values = file_values(self.controller, self.values, self.kind)
@@ -260,12 +260,12 @@ class TuneResult(Result):
         return self.vehicle_file.with_values(values, dict.fromkeys(keys, origin))
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Writes the vehicle file with these gains; to its own place, unless `path` says another."""
+        """Write the vehicle file with these gains, to its own path or to `path`, and return that path."""
         return self.applied().save(path)
 
 
 def _margins_line(m: LoopMargins) -> str:
-    """The margins of a channel, for people."""
+    """Return the margins of a channel as text."""
     if not m.stable:
         return _("{channel} at {speed_m_s:.2g} m/s: unstable", channel=m.channel, speed_m_s=m.speed_m_s)
     if not np.isfinite(m.phase_rad) and not np.isfinite(m.gain_up):

@@ -1,6 +1,6 @@
-"""vehicle.toml: read, check, write. `load("small")` takes one of the garage, `load("my.toml")` one of yours.
+"""Read, check and write vehicle.toml. `load("small")` takes a file of the garage, `load("my.toml")` one of yours.
 
-Reading needs the standard library alone; writing back (`with_values`) needs tomlkit, which keeps comments.
+Reading needs only the standard library; writing (`with_values`) needs tomlkit, which keeps comments.
 """
 
 from typing import TYPE_CHECKING

@@ -1,5 +1,7 @@
-"""Tables → blocks. What a block asks for by the name of a field it gets: `vehicle`, `sensors`, the route; and
-where its table is silent `rate_hz` and `limit` of the file.
+"""Build blocks from the tables of a vehicle file.
+
+A block receives `vehicle`, `sensors` and the route if it has fields of these names. For keys that its table omits it
+receives `rate_hz` and `limit` of the file.
 """
 
 from dataclasses import replace
@@ -40,14 +42,14 @@ ROUTE = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that come w
 class Surroundings(NamedTuple):
     """The values that the rest of the file gives to the table of a block."""
 
-    folder: str | None  # where "file.py:Class" is looked for
+    folder: str | None  # the folder of "file.py:Class"
     rate_hz: float
     geometry: Geometry
-    low_pass_hz: float | None = None  # of the IMU, by the setting of its chip where the file has one
+    low_pass_hz: float | None = None  # of the IMU, by the setting of its chip if the file has one
 
 
 def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
-    """The block of [model], or None after a complaint."""
+    """Return the block of [model], or None after a complaint."""
     kind = _kind(sheet, ("model",), "vehicle", table, None, around)
     if kind is None:
         return None
@@ -74,7 +76,7 @@ def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
 
 
 def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
-    """The NamedTuple of sensor blocks of [sensors.…]."""
+    """Return the NamedTuple of sensor blocks of [sensors.…]."""
     blocks: JsonObject = {}
     for name, table in (tables if isinstance(tables, dict) else {}).items():
         path = ("sensors", name)
@@ -91,13 +93,15 @@ def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
 
 
 def noiseless(sensors: ByName[Tree]) -> list[str]:
-    """Return the names of the sensors for whose noise the file says nothing, or 0, in one of their numbers."""
+    """Return the names of the sensors for which the file gives no noise, or 0, in one of their channels."""
     return [name for name, sensor in sensors._asdict().items() if _lacks_noise(sensor)]
 
 
 def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
-    """Return the sensors as a filter takes them: a number without noise has that of such a sensor. In a simulation it
-    may be exact; a filter that believes so divides by 0."""
+    """Return the sensors for a filter: a channel without noise gets the usual noise of such a sensor.
+
+    A simulation accepts an exact sensor; a filter would divide by 0.
+    """
     lacking = {name: getattr(sensors, name) for name in noiseless(sensors)}
     return (
         sensors._replace(**{name: _usual(sensor) for name, sensor in lacking.items()}) if lacking else sensors
@@ -133,7 +137,7 @@ def _sensor(sheet: Sheet, path: KeyPath, kind: type, table: Any, around: Surroun
 
 
 class BlockRoom(NamedTuple):
-    """A block of the loop as its table describes it: its class, what the file says, what is lacking."""
+    """A block of the loop by its table: its class, the values of the file, the missing keys."""
 
     kind: type
     values: "JsonObject"
@@ -149,8 +153,7 @@ def room(
     around: Surroundings,
     kind: str | type | None = None,
 ) -> BlockRoom | None:
-    """Return the content of a room's table. With another `kind` than the table's own, its keys are used as far as
-    the other block has them: they were written for another block."""
+    """Return the content of a room's table. With another `kind` than the table's, keys unknown to it are omitted."""
     path = (name,)
     own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
     sheet_table = {**table, "kind": kind} if kind else table
@@ -175,7 +178,7 @@ def construct(
     around: Surroundings,
     commands: int | None = None,
 ) -> Any:
-    """An object of the class; what it refuses is a problem of its table."""
+    """Return an object of the class. Its refusal is noted as a problem of its table, and the result is None."""
     names = asks_for(kind)
     values = dict(values)
     for name, key in keys_of(kind).items():
@@ -210,7 +213,7 @@ def _kind(
     sheet: Sheet, path: KeyPath, room: str, table: object, default: str | None, around: Surroundings,
     typed: bool = False,
 ) -> type | None:  # fmt: skip
-    """The class that a table names; `typed`: that the user names."""
+    """Return the class that a table names, or None after a complaint; `typed` if the user named it."""
     if not isinstance(table, dict):
         sheet.wrong(path, "vehicle.block-not-table", table=".".join(path))
         return None

@@ -1,4 +1,4 @@
-"""A block of the user's, tried out: does it keep what blocks promise each other?"""
+"""Check a block of the user by trial calls against the contracts of blocks."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CheckedBlock(Result):
-    """Findings of the checks of a block."""
+    """The findings of the checks of a block."""
 
     block: str
     room: str
@@ -28,27 +28,27 @@ class CheckedBlock(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE without findings, else by the gravest."""
+        """Return USABLE without findings, else the verdict of the most severe one."""
         return Verdict.of(self.findings)
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per finding."""
+        """Return one flat row per finding."""
         return [
             {"block": self.block, "code": finding.code, "finding": text(finding)} for finding in self.findings
         ]
 
     def table(self) -> str:
-        """Return the findings, a line each, or a line that says that the block passed."""
+        """Return the findings, a line each, or the verdict without a finding."""
         return "\n".join(f"{self.block}  {finding}" for finding in texts(self.findings)) or str(self.verdict)
 
 
 def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | None = None) -> CheckedBlock:
-    """Try out a block as each drive of a vehicle would call it, and report what is wrong with it.
+    """Call a block as a drive of a vehicle would, and report its faults.
 
     Parameters
     ----------
     block : str, type or block
-        "file.py:Class", a kind of ours, a class, which is made with what the file holds, or the block itself.
+        "file.py:Class", a kind of ours, a class, which is made with the values of the file, or the block itself.
     vehicle_file : VehicleFile, optional
         The vehicle; without it `small` of the garage.
     room : str, optional
@@ -89,7 +89,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
 
 
 def _room_with(kind: str) -> str:
-    """Return the room of a kind of ours."""
+    """Return the room that has a block of this short name. UsageError if it is unknown."""
     for room in ROOMS:
         if kind in kinds(room):
             return room
@@ -100,7 +100,7 @@ def _room_with(kind: str) -> str:
 
 
 def _build(room: str, block: OwnBlock, file: VehicleFile) -> object:
-    """Return the block, with what the vehicle file has for it; a vehicle or a sensor with its own defaults."""
+    """Return the block, built with the values of the vehicle file; else a vehicle or sensor with its defaults."""
     if room == "guide":
         return file.guide(circle(1.0, 0.2), kind=block)
     if room in LOOP_ROOMS:

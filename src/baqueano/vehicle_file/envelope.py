@@ -1,15 +1,16 @@
-"""The motion that the last fit saw, [envelope], and which runs go beyond it.
+"""Store the range of motion in the runs of the last fit, [envelope], and report runs that leave it.
 
-[envelope]
-run = "0001-experiment"
-names = ["u_x", "u_psi", "imu[2]"]      # the commands, and the channels that show a speed or a turn rate
-low = [-1.0, -0.5, -6.1]
-high = [1.0, 0.5, 5.8]
+    [envelope]
+    run = "0001-experiment"
+    names = ["u_x", "u_psi", "imu[2]"]   # the commands, and the channels that show a speed or a turn rate
+    low = [-1.0, -0.5, -6.1]
+    high = [1.0, 0.5, 5.8]
 
-    beyond: a value outside [low, high] by more than MARGIN (high − low)                                  (1)
+    beyond: a value outside [low, high] by more than MARGIN (high − low)                                          (1)
 
-A model is a fit to what was seen: motors saturate, tyres slip and batteries sag where nobody looked. A fit writes the
-table. Every drive, replay and simulation with the file, and the check of a fit by held-out runs, asks `Watch`.
+A model is fitted to data. Outside the range of the data motors may saturate, tyres slip and batteries sag, which the
+model lacks. A fit writes the table. Every drive, replay and simulation with the file, and the check of a fit by
+held-out runs, uses `Watch`.
 """
 
 import re
@@ -28,9 +29,9 @@ if TYPE_CHECKING:
     from baqueano.signals import Tick
 
 MARGIN = 0.1
-SHOWN = 0.01  # part of the values beyond (1) that is worth a word
+SHOWN = 0.01  # share of the values beyond (1) from which it is reported
 _CHANNEL = re.compile(r"(\w[\w.-]*)\[(\d+)\]")
-BATCH = 100  # ticks of a drive that are looked at together
+BATCH = 100  # ticks of a drive that are processed together
 
 
 class Envelope(NamedTuple):
@@ -48,23 +49,23 @@ class Envelope(NamedTuple):
 
     @property
     def moved(self) -> list[int]:
-        """The commands that moved."""
+        """Return the indices of the commands that moved."""
         return [k for k in range(self.commands) if self.high[k] > self.low[k] or self.high[k] != 0.0]
 
     @property
     def sentence(self) -> str:
-        """ "throttle from -0.41 to 0.57, servo from …", of the commands that moved."""
+        """Return the ranges of the commands that moved: "throttle from -0.41 to 0.57, servo from …"."""
         return ", ".join(f"{self.names[k]} from {self.low[k]:.2g} to {self.high[k]:.2g}" for k in self.moved)
 
     def flags(self, run: Any) -> tuple[Diagnostic, ...]:
-        """Return a message for each command and channel of a Run that leaves the envelope; none if it stays inside."""
+        """Return a message for each command and channel of a Run that leaves the envelope; empty if it stays inside."""
         watch = Watch(self)
         watch.look(run.applied, {name: channel.z for name, channel in run.sensors.items()})
         return watch.flags(run.name)
 
 
 class Watch:
-    """Counts what lies beyond an envelope; without an envelope nothing does."""
+    """A counter of the values beyond an envelope; without an envelope it counts none."""
 
     def __init__(self, envelope: Envelope | None) -> None:
         self.envelope = envelope or Envelope((), np.zeros(0), np.zeros(0))
@@ -74,7 +75,7 @@ class Watch:
         self._ticks: list[Any] = []
 
     def look(self, u: np.ndarray, sensors: Mapping[str, np.ndarray]) -> None:
-        """Count commands (N, n) and the measurements (M, m) of each sensor.  (1)"""
+        """Count the values of commands (N, n) and of the measurements (M, m) of each sensor.  (1)"""
         inside, n = self.envelope, self.envelope.commands
         if n and u.shape[1] != n:
             raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=n))
@@ -89,7 +90,7 @@ class Watch:
             self._most[k] = np.max(x, initial=self._most[k])
 
     def update(self, tick: "Tick") -> None:
-        """Count one Tick of a drive."""
+        """Count the values of one Tick of a drive."""
         if self.envelope.names:
             self._ticks.append(tick)
         if len(self._ticks) >= BATCH:
@@ -123,7 +124,7 @@ class Watch:
 def read_envelope(
     sheet: Sheet, data: "JsonObject", commands: Sequence[str], sensors: "SensorBlocks"
 ) -> Envelope | None:
-    """The table, checked against the `commands` and `sensors` of the file; None without one."""
+    """Return the table, checked against the `commands` and `sensors` of the file; None without one."""
     table, path = data.get("envelope"), ("envelope",)
     if table is None:
         return None
@@ -145,7 +146,7 @@ def read_envelope(
 
 
 def _are_names(names: object, commands: Sequence[str], sensors: "SensorBlocks") -> bool:
-    """Return whether names are the commands and then channels, which the sensors of the file have."""
+    """Return True if `names` are the commands, followed by channels of the file's sensors."""
     if not isinstance(names, list) or names[: len(commands)] != list(commands):
         return False
     sizes = {name: sensor.size for name, sensor in sensors._asdict().items()}

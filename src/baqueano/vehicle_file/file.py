@@ -1,4 +1,4 @@
-"""`load` reads a vehicle file, checks all of it, and builds its blocks."""
+"""Read a vehicle file, check all of it, and build its blocks."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -43,18 +43,18 @@ LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VehicleFile:
-    """A vehicle as its file describes it. It never changes: `with_values` and `override` give another one.
+    """A vehicle as its file describes it. It is immutable: `with_values` and `override` return another one.
 
-    Its blocks are made on demand: FileError then, with what the file lacks and which verb finds it.
+    Its blocks are made on demand. FileError if the file lacks a value: it names the verb that finds it.
 
     Attributes
     ----------
     name : str
         Name of the vehicle.
     path : Path or None
-        Its file; None: from the garage, or out of a run.
+        Its file; None if it is from the garage or from a run.
     text : str
-        The whole file, as it is in force.
+        The whole file, with the changes in force.
     data : dict
         Its tables.
     command : CommandSpec
@@ -74,9 +74,9 @@ class VehicleFile:
     envelope : Envelope or None
         The motion in the runs of the last fit.
     notices : tuple of Diagnostic
-        Remarks that do not stop.
+        Remarks that do not refuse the file.
     layers : tuple of str
-        Where the values come from, lowest first.
+        Sources of the values, lowest first.
     label : str
         Name of the file in messages.
     robot : Hardware
@@ -119,7 +119,7 @@ class VehicleFile:
         )
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per number of the model, with who measured it."""
+        """Return one flat row per number of the model, with the run that measured it."""
         return numbers_of(self.data, self.provenance)
 
     def table(self) -> str:
@@ -129,31 +129,36 @@ class VehicleFile:
     _repr_html_ = Result._repr_html_
 
     def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """The block of [estimator]; `changes` are fields that win over the file. `kind` takes its place: a kind of
-        ours, "file.py:Class", a class, which is made with what the file says, or a block, which is taken as it is."""
+        """Return the block of [estimator]; `changes` are fields that replace those of the file.
+
+        `kind` replaces the block: a kind of ours, "file.py:Class", a class, which is made with the values of the file,
+        or a block, which is returned unchanged.
+        """
         return self._block("estimator", kind, changes)
 
     def kind(self, room: str) -> type:
-        """The class of the block of a room."""
+        """Return the class of the block of a room."""
         own = self.data.get(room, {}).get("kind", build.DEFAULT_KIND[room])
         return resolve_named(room, own, self.folder)
 
     def controller(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """The block of [controller]."""
+        """Return the block of [controller]; arguments as of `estimator`."""
         return self._block("controller", kind, changes)
 
     def supervisor(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """The block of [supervisor]."""
+        """Return the block of [supervisor]; arguments as of `estimator`."""
         return self._block("supervisor", kind, changes)
 
     def guide(self, route: "Route | None" = None, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """The block of [guide], along `route` if it takes one."""
+        """Return the block of [guide], along `route` if it takes one."""
         arguments = {"route": route, **route._asdict()} if route is not None else {}
         return self._block("guide", kind, changes, arguments)
 
     def value(self, dotted: str) -> Any:
-        """Return the value of a key of the file, its default included: "model.friction.linear". UsageError with the
-        nearest keys where the name is unknown."""
+        """Return the value, or the default, of a key of the file: "model.friction.linear".
+
+        UsageError with the nearest keys if the name is unknown.
+        """
         from baqueano.vehicle_file.paths import value_in_force
 
         return value_in_force(self, dotted)
@@ -165,21 +170,26 @@ class VehicleFile:
         parameter_cov: ParameterCov | None = None,
         envelope: Envelope | None = None,
     ) -> "VehicleFile":
-        """The same file with other `values` {dotted key: value}, all comments kept; checked like any file. UsageError
-        for a key that no block reads, or without tomlkit."""
+        """Return the file with other `values` {dotted key: value} and all comments, checked like any file.
+
+        UsageError for a key that no block reads, or without tomlkit.
+        """
         from baqueano.vehicle_file.text.edit import edited
 
         text = edited(self, values, provenance or {}, parameter_cov, envelope)
         return parse(text, self.label, self.path, self.layers, self.on_disk)
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Writes the text, whole or not at all, to `path`, else to its own place. FileError where somebody changed that
-        since it was read, or it cannot be written; UsageError for one of the garage without a path."""
+        """Write the text, whole or not at all, to `path` or to its present place, and return the path.
+
+        FileError if another program changed the file since it was read, or if it cannot be written. UsageError for a
+        file of the garage without a path.
+        """
         from baqueano.vehicle_file.text.edit import write_whole
 
         target = write_whole(self, path)
         if target == self.path:
-            object.__setattr__(self, "on_disk", self.text)  # what is there now is ours
+            object.__setattr__(self, "on_disk", self.text)  # the file now contains this text
         return target
 
     @property
@@ -195,8 +205,9 @@ class VehicleFile:
 
     @property
     def truth(self) -> "VehicleFile":
-        """The vehicle that a simulation drives: that of [simulation] truth, a name of the garage or a file beside this
-        one; by default this vehicle. FileError where it is not there, or in another folder.
+        """Return the vehicle that a simulation drives: that of [simulation] truth, by default this vehicle.
+
+        It is a name of the garage or a file beside this one. FileError if it is missing, or in another folder.
 
         >>> load("small").truth.name
         'small'
@@ -214,7 +225,7 @@ class VehicleFile:
         return self._filtering(load(home / truth_name))
 
     def _filtering(self, truth: "VehicleFile") -> "VehicleFile":
-        """Return the truth with this file's setting of the IMU's filter, which its owner chooses."""
+        """Return the truth with this file's setting of the IMU's filter, which the user of the vehicle chooses."""
         from baqueano.vehicle_file.text.edit import override
 
         setting = self.data.get("robot", {}).get("imu_filter")
@@ -222,12 +233,12 @@ class VehicleFile:
 
     @property
     def noiseless(self) -> tuple[str, ...]:
-        """Return the sensors whose noise the file leaves out: its estimators take what such a sensor usually has."""
+        """Return the sensors without noise in the file: its estimators use the usual noise of such a sensor."""
         return tuple(build.noiseless(self.sensors))
 
     @property
     def folder(self) -> str | None:
-        """Return the folder to search first for a block of the user's own; None of a file out of a run."""
+        """Return the folder to search first for a block of the user; None for a file out of a run."""
         return _folder(self.path, self.on_disk)
 
     @property
@@ -273,7 +284,7 @@ def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     source : str or path
         "small", or "my/vehicle.toml".
     allow_blocks : bool
-        Also execute the text of blocks that stand outside its folder.
+        Also execute the code of blocks outside its folder.
 
     Returns
     -------
@@ -313,9 +324,9 @@ def parse(
     name : str
         Name of the file in messages.
     path : Path, optional
-        Where it stands, for blocks of one's own beside it.
+        Its path, for blocks of the user beside it.
     layers : iterable of str
-        Where the values come from.
+        Sources of the values.
     on_disk : str, optional
         Text of the file when it was read.
 
@@ -361,15 +372,17 @@ def parse(
 def _folder(path: Path | None, on_disk: str | None) -> str | None:
     if path is not None:
         return str(path.parent)
-    return None if on_disk is None else "."  # of the garage: where the user stands
+    return None if on_disk is None else "."  # of the garage: the working directory
 
 
 def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
-    """Return the tables of the loop's blocks. A missing table is an error only when its block is used: gains come with
-    `tune`, noise with `identify`."""
+    """Check the tables of the loop's blocks.
+
+    A missing key is an error only when its block is used: `tune` finds gains, `identify` finds noise.
+    """
     for room in LOOP_ROOMS:
         if room not in file.data or (file.on_disk is None and _is_users(file.data[room])):
-            continue  # out of a run: the user's file may be elsewhere today
+            continue  # from a run: the user's file may have moved since
         arguments = {"vehicle": file.vehicle, "sensors": build.with_usual_noise(file.sensors)}
         fallback = {"rate_hz": file.rate_hz, "limit": file.command.limit}
         block = build.room(sheet, room, file.data[room], arguments, fallback, file._around)
@@ -387,5 +400,5 @@ def _is_users(table: object) -> bool:
 
 
 def today() -> date:
-    """The date that a value gets when nobody says one."""
+    """Return today's date, the default date of a value."""
     return date.today()

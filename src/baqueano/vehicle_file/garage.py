@@ -1,4 +1,4 @@
-"""Ready vehicle files, shipped with the package, named without path or ending: `load("small")`."""
+"""Provide the vehicle files of the package, named without path or extension: `load("small")`."""
 
 from pathlib import Path
 
@@ -25,12 +25,12 @@ def names() -> tuple[str, ...]:
 
 
 def holds(path: Path) -> bool:
-    """Return True if the file is one of the garage, not one of the user's."""
+    """Return True if the file is one of the garage."""
     return path.parent == FOLDER
 
 
 def path_of(source: str | Path) -> Path:
-    """The file that `source` means: a path, or a name of the garage."""
+    """Return the file that `source` names: a path, or a name of the garage. FileError if it does not exist."""
     path = Path(source).expanduser()
     if path.is_file():
         return path.resolve()

@@ -1,4 +1,4 @@
-"""The head of a vehicle file: the command's channels and the body's measures."""
+"""Read the head of a vehicle file: command, geometry, robot and simulation."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -22,7 +22,7 @@ TABLES = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channels:
-    """The command u (n,): what its entries are called, in which unit, and how far they go."""
+    """The command u (n,): the names, the unit and the limits of its entries."""
 
     names: tuple[str, ...]
     limit: np.ndarray = parameter(
@@ -33,7 +33,7 @@ class Channels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:
-    """The measures of the body; all of them are optional."""
+    """The dimensions of the body, all optional."""
 
     radius_m: float | None = parameter("m", "radius of a round platform", low=1e-3, high=100.0, default=None)
     length_m: float | None = parameter(
@@ -113,7 +113,7 @@ class Top:
 
 
 def reach(geometry: Geometry) -> float | None:
-    """Return the distance from the middle of the platform to its edge [m]; None if nobody measured it."""
+    """Return the distance from the middle of the platform to its edge [m]; None if it is not in the file."""
     if geometry.radius_m is not None:
         return geometry.radius_m
     if geometry.length_m is not None and geometry.width_m is not None:
@@ -122,8 +122,10 @@ def reach(geometry: Geometry) -> float | None:
 
 
 def solid_inertia(mass_kg: float, geometry: Geometry) -> float | None:
-    """Inertia of a uniform platform about its middle [kg m²]: ½ m R² of a disc, m (l² + w²)/12 of a plate
-    (errata 4; the paper prints m/R²)."""
+    """Return the inertia of a uniform platform about its middle [kg m²]; None without its dimensions.
+
+    It is ½ m R² of a disc, m (l² + w²)/12 of a plate (errata 4; the paper prints m/R²).
+    """
     if geometry.radius_m is not None:
         return 0.5 * mass_kg * geometry.radius_m**2
     if geometry.length_m is not None and geometry.width_m is not None:
@@ -155,7 +157,7 @@ class CommandSpec(NamedTuple):
 
 
 def read_top(sheet: Sheet, data: "JsonObject") -> Top:
-    """The keys above the first table; a file of another format ends here."""
+    """Return the keys above the first table. FileError at once for a file of another format."""
     keys = keys_of(Top)
     if "format" not in data:
         sheet.wrong(("format",), "vehicle.no-format", expected=FORMAT)

@@ -1,12 +1,12 @@
-"""The provenance of the values: [provenance."key"] and [parameter_cov].
+"""Read the provenance of the values: [provenance."key"] and [parameter_cov].
 
-    [provenance."model.friction.linear"]    run = "runs/0001-experiment.mcap", date = 2026-11-21,
-                                            sd = [0.02, 0.1, 0.0001], verdict = "USABLE"
-    [provenance.model]                      a whole table: all values of it without one of their own
-    [parameter_cov]                         of the last fit: run, date, names = ["model.friction.linear[0]", …],
-                                            sd = […], correlation = [[1.0], [0.83, 1.0]], the lower triangle
+    [provenance."model.friction.linear"]   run = "runs/0001-experiment.mcap", date = 2026-11-21,
+                                           sd = [0.02, 0.1, 0.0001], verdict = "USABLE"
+    [provenance.model]                     a whole table: all its values without a separate provenance
+    [parameter_cov]                        of the last fit: run, date, names = ["model.friction.linear[0]", …],
+                                           sd = […], correlation = [[1.0], [0.83, 1.0]], the lower triangle
 
-    cov_ij = r_ij sd_i sd_j                                                                               (1)
+    cov_ij = r_ij sd_i sd_j                                                                                       (1)
 
 A model whose values all lack a provenance is a guess, too.
 """
@@ -24,13 +24,13 @@ from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-GUESS = Verdict.GUESS  # verdict on values that nobody measured
+GUESS = Verdict.GUESS  # verdict on values that were not measured
 NOT_MEASURED = (GUESS, Verdict.REFUSED)
-NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that tell of others
+NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe others
 
 
 class Provenance(NamedTuple):
-    """The provenance of a value, or of the values of a table that lack their own."""
+    """The provenance of a value, or of the values of a table that lack a separate one."""
 
     run: str
     date: Date | None = None
@@ -39,7 +39,7 @@ class Provenance(NamedTuple):
 
 
 def numbers_of(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
-    """Return one flat row per number of the model: its key, value, and who measured it."""
+    """Return one flat row per number of the model: its key, its value, and the run that measured it."""
     rows: list[TableRow] = []
     for key, value in _flat("model", data.get("model", {})):
         own = provenance.get(key, provenance.get("model", Provenance("")))
@@ -67,12 +67,12 @@ class ParameterCov(NamedTuple):
 def read_history(
     sheet: Sheet, data: "JsonObject", folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
-    """Both tables, checked; `folder` is where a block of the user's own is looked for."""
+    """Return both tables, checked; `folder` is searched for a block of the user."""
     return _provenance(sheet, data, folder), _parameter_cov(sheet, data, folder)
 
 
 def measured(provenance: dict[str, Provenance]) -> bool:
-    """Return whether any value of the model was measured on the vehicle, by a fit that was not refused."""
+    """Return True if a value of the model was measured on the vehicle, by a fit that was not refused."""
     return any(k.startswith("model.") and p.verdict not in NOT_MEASURED for k, p in provenance.items())
 
 
@@ -147,7 +147,7 @@ def _parameter_cov(sheet: Sheet, data: "JsonObject", folder: str | None) -> Para
 
 
 def _covariance(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", size: int) -> np.ndarray | None:
-    """cov (size, size) from sd and correlation.  (1)"""
+    """Return cov (size, size) from sd and correlation.  (1)"""
     sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
     fits = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
     if sd is None or correlation is None or not fits:
@@ -161,7 +161,7 @@ def _covariance(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", size: 
 
 
 def _triangle(rows: object, size: int) -> np.ndarray | None:
-    """A symmetric matrix from the rows of its lower triangle."""
+    """Return a symmetric matrix from the rows of its lower triangle; None if it is not a correlation matrix."""
     arrays = [number_array(row) for row in rows] if isinstance(rows, list) else []
     if len(arrays) != size or any(a is None or a.shape != (i + 1,) for i, a in enumerate(arrays)):
         return None
@@ -172,8 +172,10 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
 
 
 def changes(before: Any, after: Any) -> list["TableRow"]:
-    """Return the differences of two vehicle files, key by key: the history of wear. `sds` is the number of standard
-    deviations (both together) lie between the values; None where it is not known."""
+    """Return the differences of two vehicle files, key by key: the history of wear.
+
+    `sds` is the distance of the values in standard deviations (of both together), None if these are unknown.
+    """
     old, new = _leaves(before.data), _leaves(after.data)
     rows = []
     for key in [*old, *(k for k in new if k not in old)]:

@@ -1,4 +1,4 @@
-"""Dotted keys of the file: "model.friction.linear", or one entry of it, "model.friction.linear[0]"."""
+"""Resolve dotted keys of the file: "model.friction.linear", or one entry of it, "model.friction.linear[0]"."""
 
 import difflib
 import re
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-SAME = 0.6  # part of their letters that the last names of two keys have in common
+SAME = 0.6  # least similarity of the last names of two keys
 _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
 
 
 def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """(("model", "friction", "linear"), (0,)) of "model.friction.linear[0]"; [0,2] is [0][2]."""
+    """Return (("model", "friction", "linear"), (0,)) for "model.friction.linear[0]"; [0,2] equals [0][2]."""
     match = _ENTRY.match(dotted.strip())
     assert match is not None
     return tuple(part.strip() for part in match[1].split(".")), tuple(
@@ -32,8 +32,11 @@ def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
 
 
 def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[str]:
-    """Return every key that the blocks of this file can have, written or not. A block of the user's own is
-    looked for in `folder`; where it is not there, as on another computer, it has the keys that are written."""
+    """Return every key that the blocks of this file can have, written or not.
+
+    A block of the user is searched for in `folder`. If it is missing there, as on another computer, only its written
+    keys are returned.
+    """
     paths = [
         "rate_hz",
         *(f"command.{k}" for k in data.get("command", {})),
@@ -56,12 +59,12 @@ def exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) ->
 
 
 def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
-    """Return True if it is a table of keys that this file can have, as "model" or "model.friction"."""
+    """Return True for a table of keys that this file can have, as "model" or "model.friction"."""
     return any(path.startswith(f"{dotted}.") for path in known_paths(data, folder))
 
 
 def value_in_force(file: "VehicleFile", dotted: str) -> Any:
-    """The value under a key, from the block that was built with it."""
+    """Return the value of a key, from the block that was built with it."""
     path, entry = split(dotted)
     paths = known_paths(file.data, file.folder)
     if ".".join(path) not in paths:
@@ -83,8 +86,10 @@ def value_in_force(file: "VehicleFile", dotted: str) -> Any:
 
 
 def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
-    """Return the error of a key that nobody reads. A near one has nearly the same last name: `mass_kg` is not
-    `yaw_lag_s`, though both are in the model."""
+    """Return the error of an unknown key. A suggestion must have nearly the same last name.
+
+    So `mass_kg` is not suggested for `yaw_lag_s`, though both are in the model.
+    """
     near = nearest(dotted, keys)
     last, suggestion = (
         str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("meant", dotted))
@@ -98,7 +103,7 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
 def _keys(
     data: "JsonObject", path: tuple[str, ...], room: str, folder: Path | str | None
 ) -> list[tuple[str, ...]]:
-    """The keys of one block's table."""
+    """Return the keys of one block's table."""
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
     table: Any = data

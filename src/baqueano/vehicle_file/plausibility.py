@@ -1,8 +1,8 @@
-"""Values that are numbers, and within their range, and cannot be true together. Refused with the arithmetic.
+"""Refuse values that are numbers within their range but cannot be true together, and show the arithmetic.
 
-    radius of gyration  k = √(I/m) ≤ R;      a uniform disc has k = R/√2                                  (1)
-    mass of a floor's area  m/(πR²): a sheet of card has 0.5 kg/m², a block of steel of 0.6 m has 5000    (2)
-    RK4 of ẋ = −x/τ is stable while δ < 2.785 τ,  1/τ = (d_l + d_k/ν_k)/m                                 (3)
+    radius of gyration  k = √(I/m) ≤ R;   a uniform disc has k = R/√2                                             (1)
+    mass per floor area  m/(πR²): a sheet of card has 0.5 kg/m², a block of steel of 0.6 m has 5000               (2)
+    RK4 of ẋ = −x/τ is stable while δ < 2.785 τ,  1/τ = (d_l + d_k/ν_k)/m                                        (3)
 
 Without a radius (1) is a notice, so that the paper's case study loads as it is printed (errata 4).
 """
@@ -30,7 +30,7 @@ FASTEST, QUICKEST = 30.0, 100.0  # m/s, rad/s: beyond, a notice
 
 
 def check_body(sheet: Sheet, vehicle: "DynamicVehicle", geometry: Geometry) -> None:
-    """Mass, inertia and measures of a rigid body.  (1), (2)"""
+    """Check mass, inertia and dimensions of a rigid body.  (1), (2)"""
     _check_measures(sheet, geometry)
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
     R = reach(geometry)
@@ -100,7 +100,7 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
 
 
 def check_drive(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
-    """Can it move, can the loop's step follow it, and how fast would it be?"""
+    """Check if the vehicle can move, if the loop's step can follow it, and if its speed is plausible."""
     _check_dead_zones(sheet, vehicle, channels)
     if is_dynamic(vehicle):
         _check_steps(sheet, vehicle, rate_hz)
@@ -138,8 +138,7 @@ def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> Non
 
 
 def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
-    """The path, with its entry, of the parameter by which motion along axis i fades so soon: a friction, else a time
-    constant."""
+    """Return the path, with its entry, of the friction that damps motion along axis i most, else of a time constant."""
     model, fields_of_model = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
     by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle, fields_of_model)}
     if any(x > 0.0 for x in by.values()):
@@ -150,7 +149,7 @@ def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
 
 
 def _slower(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
-    """Names beside `path` in its table that make motion along axis i last longer, and that nobody measured."""
+    """Return names beside `path` in its table that slow the decay of motion along axis i, and are not measured."""
     model, table, now = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
     some = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]
     times = {k: put(model, k, 1.01 * np.asarray(get(model, k))) for k in some}
@@ -158,7 +157,7 @@ def _slower(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
 
 
 def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -> None:
-    """A command at its limit that still accelerates at FASTEST, or QUICKEST."""
+    """Note a command at its limit that still accelerates the vehicle at FASTEST, or QUICKEST."""
     drivetrain, limit = vehicle.drivetrain, np.broadcast_to(channels.limit, (vehicle.commands,))
     for u in np.diag(np.where(np.isfinite(limit), limit, 0.0)):
         effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
@@ -170,7 +169,7 @@ def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -
 
 
 def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> None:
-    """Sensors lie on the vehicle."""
+    """Check that sensors lie on the vehicle."""
     R = reach(geometry)
     for name, sensor in sensors._asdict().items():
         arm = getattr(sensor, "lever_arm_m", None)
@@ -187,7 +186,7 @@ def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> 
 
 
 def _unit(value: float, expected: float) -> Diagnostic:
-    """Return a guess at the unit, where dividing by 100 or 1000 makes it fit."""
+    """Return a guess at the unit, if a division by 100 or 1000 gives a plausible value."""
     for factor, unit in ((100.0, "cm"), (1000.0, "mm")):
         if abs(value) / factor <= 1.5 * expected:
             return note("vehicle.in-unit", in_unit=unit, value=value, value_m=value / factor)

@@ -1,6 +1,6 @@
-"""The keys of a vehicle file as a page of the documentation, from the metadata that the loader checks.
+"""Write the keys of a vehicle file as a page of the documentation, from the metadata that the loader checks.
 
-Words pass through the catalogue, so the page exists in each language; numbers of the file stay as TOML has them.
+Texts pass through the catalogue, so the page exists in each language; numbers of the file keep the notation of TOML.
 """
 
 import json
@@ -117,7 +117,7 @@ def _title(row: "TableRow") -> str:
 
 
 def _markdown(of_table: list["TableRow"]) -> list[str]:
-    """Return the lines of one table, without the columns that nothing fills."""
+    """Return the lines of one table, without its empty columns."""
     heads = {"key": _("key"), "meaning": _("meaning"), "unit": _("unit"), "shape": _("shape"), "range": _("range"),
              "default": _("default")}  # fmt: skip
     columns = [name for name in heads if any(row[name] for row in of_table)]
@@ -165,7 +165,7 @@ def _range(key: Key) -> str:
 
 
 def _default(key: Key) -> str:
-    """Return what one would write in the file."""
+    """Return the default in the notation of the file."""
     if key.default is NO_DEFAULT:
         return _("required")
     if key.default is None:

@@ -1,7 +1,7 @@
-"""Tables of the file → keyword arguments of a block, with a diagnostic for everything that does not fit.
+"""Convert tables of the file to keyword arguments of a block, with a diagnostic for everything that does not fit.
 
-The keys of a table are the fields of the block's class, and what is allowed stands beside each field
-(parameter.py): no second list of keys exists. What the file does not say is the class's own default.
+The keys of a table are the fields of the block's class, and their allowed values stand beside each field
+(parameter.py): a second list of keys does not exist. For a missing key the class's default is used.
 """
 
 import dataclasses
@@ -22,14 +22,14 @@ if typing.TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.parameter import Parameter
 
-DERIVED = {"delay_slots", "has_lag", "has_low_pass", "servos", "commands"}  # fields that the loader works out
+DERIVED = {"delay_slots", "has_lag", "has_low_pass", "servos", "commands"}  # fields that the loader computes
 NO_DEFAULT = dataclasses.MISSING
 KeyPath = tuple[str, ...]
 
 
 @dataclass
 class Sheet:
-    """The file as far as it is read: what was found wrong so far, and what is worth saying."""
+    """The reading of a file: the problems found so far, and remarks."""
 
     name: str  # of the file, for the reader
     text: str
@@ -48,11 +48,11 @@ class Sheet:
         return note("vehicle.line", file=self.name, line=line, key=key)
 
     def wrong(self, path: KeyPath, code: str, fix: str = "", **figures: Any) -> None:
-        """Note what is wrong with a key."""
+        """Note a problem of a key."""
         self.problems.append(fault(code, fix, place=self.place(path), **figures))
 
     def wrong_table(self, path: KeyPath, code: str, **figures: Any) -> None:
-        """Note what is wrong with a whole table."""
+        """Note a problem of a whole table."""
         self.problems.append(fault(code, place=self._at(path, f"[{'.'.join(path)}]"), **figures))
 
     def notice(self, path: KeyPath, code: str, **figures: Any) -> None:
@@ -60,7 +60,7 @@ class Sheet:
         self.notices.append(note(code, Severity.WARNING, place=self.place(path), **figures))
 
     def finish(self) -> None:
-        """Raise FileError if anything was wrong: all of it."""
+        """Raise FileError with all problems, if there are any."""
         problems, self.problems = self.problems, []
         if problems:
             join = lambda rest, first: fault("vehicle.problems", first=first, rest=rest)  # noqa: E731
@@ -68,7 +68,7 @@ class Sheet:
 
 
 class Key(NamedTuple):
-    """The keys that a table may have."""
+    """A key that a table may have."""
 
     name: str
     parameter: "Parameter | None"
@@ -77,7 +77,7 @@ class Key(NamedTuple):
 
 
 def keys_of(kind: type, hidden: typing.Collection[str] = ()) -> dict[str, Key]:
-    """The keys of a block's table, in the order of its fields."""
+    """Return the keys of a block's table, in the order of its fields."""
     if not dataclasses.is_dataclass(kind):
         return _keys_of_plain_class(kind, hidden)
     hints = _hints(kind)
@@ -106,7 +106,7 @@ def _hints(kind: type) -> "JsonObject":
 
 
 def asks_for(kind: type) -> set[str]:
-    """The names of all arguments that a class takes."""
+    """Return the names of all arguments that a class takes."""
     if dataclasses.is_dataclass(kind):
         return {f.name for f in dataclasses.fields(kind) if f.init}
     return set(inspect.signature(kind).parameters)
@@ -115,7 +115,7 @@ def asks_for(kind: type) -> set[str]:
 def arguments(
     sheet: Sheet, path: KeyPath, keys: dict[str, Key], table: object, also: typing.Collection[str] = ("kind",)
 ) -> "JsonObject":
-    """Keyword arguments from a table; what does not fit is noted in `sheet` and left out."""
+    """Return keyword arguments from a table; a value that does not fit is noted in `sheet` and omitted."""
     if not isinstance(table, dict):
         sheet.wrong(path, "vehicle.not-table", found=_text_of(table), table=".".join(path))
         return {}
@@ -133,7 +133,7 @@ def arguments(
 def unknown(
     sheet: Sheet, path: KeyPath, value: object, unit_of: dict[str, str], also: typing.Collection[str] = ()
 ) -> None:
-    """Notes a key that nobody reads, with what was probably meant."""
+    """Note an unknown key, with a suggestion."""
     name = path[-1]
     if name in DERIVED:
         sheet.wrong(path, "vehicle.derived-key")
@@ -145,7 +145,7 @@ def unknown(
 
 
 def missing(keys: dict[str, Key], values: "JsonObject") -> list[str]:
-    """Keys without which the block cannot be built."""
+    """Return the missing keys without which the block cannot be built."""
     return [name for name, key in keys.items() if key.default is NO_DEFAULT and name not in values]
 
 
@@ -154,7 +154,7 @@ def _unit(key: Key) -> str:
 
 
 def _convert(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
-    """The value as the block wants it; None after a complaint."""
+    """Return the value as the block requires it; None after a complaint."""
     if dataclasses.is_dataclass(key.type) and isinstance(key.type, type):
         return _nested_table(sheet, path, key.type, value)
     if key.parameter is not None:
@@ -164,7 +164,7 @@ def _convert(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
 
 
 def _nested_table(sheet: Sheet, path: KeyPath, kind: type, value: object) -> Any:
-    """The arguments of a block within the block: a dict, built later."""
+    """Return the arguments of a block within the block: a dict, built later."""
     return arguments(sheet, path, keys_of(kind, DERIVED), value, also=())
 
 
@@ -227,7 +227,7 @@ def _in_range(sheet: Sheet, path: KeyPath, key: Key, array: np.ndarray) -> bool:
 
 
 def _may_be_infinite(key: Key) -> bool:
-    """A limit that is infinite by default may be infinite in the file; so may the gate of a filter."""
+    """Return True for a limit that is infinite by default, and for the gate of a filter."""
     if key.name == "gate_sigma":
         return True
     return isinstance(key.default, float | np.ndarray) and bool(np.any(np.isposinf(key.default)))
@@ -245,7 +245,7 @@ def _covariance(sheet: Sheet, path: KeyPath, matrix: np.ndarray) -> bool:
 
 
 def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
-    """A field without unit: text, flag, count, list of names."""
+    """Return the value of a field without unit: text, flag, count, list of names. None after a complaint."""
     origin = typing.get_origin(kind) or kind
     if kind is int and isinstance(value, float) and value.is_integer():
         return int(value)
@@ -271,7 +271,7 @@ def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
 
 
 def number_array(value: Any) -> np.ndarray | None:
-    """Nested lists of numbers, all rows alike, as an array of floats; None for anything else."""
+    """Return nested lists of numbers, with rows of equal length, as an array of floats; None for anything else."""
     flat = [value]
     while any(isinstance(v, list) for v in flat):
         if not all(isinstance(v, list) for v in flat):
@@ -295,7 +295,7 @@ def _float(value: int | float) -> float:
 
 
 def listed(array: np.ndarray) -> str:
-    """Numbers as they would stand in the file."""
+    """Return numbers in the notation of the file."""
     if array.ndim == 0:
         return f"{float(array):.6g}"
     return "[" + ", ".join(listed(row) for row in array) + "]"
@@ -310,7 +310,7 @@ def _size(shape: tuple[int, ...] | None) -> Diagnostic:
 
 
 def allowed_range(p: "Parameter") -> Diagnostic:
-    """The allowed values of a parameter."""
+    """Return the allowed values of a parameter."""
     if p.high == float("inf"):
         return note("vehicle.at-least", low=p.low)
     if p.low == -float("inf"):

@@ -1,6 +1,6 @@
-"""The units of what sensors say, and a unit in the wrong key: `mass_g = 610` where the file says `mass_kg`.
+"""Define the units of sensor channels, and detect a wrong unit in a key: `mass_g = 610` instead of `mass_kg`.
 
-value in the file's unit = factor · value in the other one (+ offset)                                  (1)
+value in the file's unit = factor · value in the other one (+ offset)                                         (1)
 """
 
 from math import pi
@@ -86,7 +86,7 @@ _OF_PARAMETER = {"m/s²": "acceleration", "rad/s": "turning", "m/s": "speed", "m
 
 
 def split(key: str) -> tuple[str, str]:
-    """("mass", "kg") of "mass_kg"; ("name", "") where no unit is written."""
+    """Return ("mass", "kg") for "mass_kg", ("name", "") for a name without a unit."""
     words = key.split("_")
     for count in (2, 1):
         unit = "_".join(words[-count:]).lower()
@@ -96,8 +96,7 @@ def split(key: str) -> tuple[str, str]:
 
 
 def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic | None:
-    """Return what to write instead, where `key` is one of the `unit_of` (key → its unit) with another unit, or with
-    none; None where it is not."""
+    """Return a suggestion if `key` is one of `unit_of` (key → its unit) with another unit or without one; else None."""
     stem, unit = split(key)
     for right, its_unit in unit_of.items():
         right_stem, right_unit = split(right)
@@ -134,7 +133,7 @@ def _unit_text(value: object) -> str:
 
 
 def channel_unit(file: "VehicleFile", sensor: str, entry: int) -> str:
-    """The unit of one number of a sensor, by the kind that the vehicle file says; empty for one of somebody's own."""
+    """Return the unit of one number of a sensor, by its kind in the vehicle file; "" for a sensor of the user."""
     kind = file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
     units = CHANNEL_UNITS.get(kind, ())
     return units[entry] if entry < len(units) else ""

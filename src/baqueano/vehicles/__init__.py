@@ -1,4 +1,4 @@
-"""Vehicles: command → motion. Swap one by writing a frozen dataclass with the methods of `Vehicle`."""
+"""Vehicles turn a command into a motion. To add one, write a frozen dataclass with the methods of `Vehicle`."""
 
 from baqueano.vehicles.car import Car
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState

@@ -1,6 +1,6 @@
-"""The check of a block's parameters: shape, finite, within the bounds that stand beside each field.
+"""Check the parameters of a block: shape, finite values, and the bounds of each field.
 
-Runs once, when a block is built; never while the vehicle moves, and never on a traced value.
+The check runs once, when a block is built; never while the vehicle moves, and never on a traced value.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from baqueano.parameter import INF, Parameter, parameters
 
 
 def check_bounds(block: Tree) -> None:
-    """Raises ValueError that names the block, the field, what was found and what was expected."""
+    """Raise ValueError that names the block, the field, the value found and the value expected."""
     for name, p in parameters(block):
         value = getattr(block, name)
         if value is None:

@@ -1,14 +1,15 @@
 """A car: throttle and servo, front wheels that steer, a rear axle that does not slip sideways.
 
     v̇ = k_t u_t − d_l v − d_m w v − d_c |v| v − d_k(t) t − k |ν_ψ| v,   t = tanh(v / v_k)                  (1)
-    d_k(t) = d_k + d_f (1 + t)/2 + d_b (1 − t)/2           what it has more of ahead, and backwards
+    d_k(t) = d_k + d_f (1 + t)/2 + d_b (1 − t)/2           d_f, d_b: extra friction forward, backward
     δ = k_s u_s + δ₀,   ν̇_ψ = (v tan δ / L − ν_ψ) / λ                                                     (2)
     ν = (v, b ν_ψ, ν_ψ)                                                                                   (3)
     η̇ = J(ψ) ν                                                                                            (4)
-    w = |u_t| / g + z min(|u_t| / 0.01, 1),   z the dead zone of the way it is driven, g the channel's gain   (5)
+    w = |u_t| / g + z min(|u_t| / 0.01, 1),   z the dead zone of its direction, g the gain of the channel (5)
 
-η and ν belong to the origin of the body, b ahead of the rear axle. Everything is per kilogram: commands and an IMU do
-not show the mass (errata 9). d_m is the damping of a driven motor, w its duty. Keep k_s · limit well below π/2.
+η, ν: pose and velocity of the body's origin, b ahead of the rear axle; v: speed, ν_ψ: yaw rate, u_t, u_s: effort of
+throttle and servo, δ: steering angle, L: wheelbase. d_m is the damping of a driven motor, w its duty. All terms are per
+kilogram, because neither commands nor an IMU show the mass (errata 9). Keep k_s · limit well below π/2.
 Derivation: docs/derivations/vehicles.md.
 """
 
@@ -30,7 +31,7 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, arrived
 
 DRIVEN = 0.01  # effort from which on a motor counts as driven
-LEAST_LAG_S = 0.01  # RK4 carries a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
+LEAST_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
 
 
 @documented
@@ -41,7 +42,7 @@ class Car:
     Parameters
     ----------
     drivetrain : Drivetrain
-        What lies between the command and the effort: delay, lag, dead zone, battery.
+        The block between the command and the effort: delay, lag, dead zone, battery.
 
     Notes
     -----
@@ -132,15 +133,15 @@ class Car:
 
     @property
     def turning_arm_m(self) -> float:
-        """ν̇_y per ν̇_ψ: how far the origin lies ahead of what turns in place [m]."""
+        """Return ν̇_y per ν̇_ψ [m]: the distance of the origin ahead of the rear axle, about which the car turns."""
         return self.rear_axle_m
 
     def gravity(self, psi: float) -> np.ndarray:
-        """Gravity along body x and y (2,) [m/s²]: the car's floor is level."""
+        """Return gravity along body x and y (2,) [m/s²]: zeros, because the floor is level."""
         return np.zeros(2)
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """ν̇ (3,).  (1)-(3)"""
+        """Return ν̇ (3,) at ν (3,) with the effort (2,).  (1)-(3)"""
         v, r = nu[0], nu[2]
         t = np.tanh(v / self.coulomb_speed_m_s)
         of_its_way = self.coulomb_forward_m_s2 * (1.0 + t) + self.coulomb_backward_m_s2 * (1.0 - t)
@@ -155,7 +156,7 @@ class Car:
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under an effort; ν̇ is the one at the end.  (1)-(4)"""
+        """Return (η, ν, ν̇) after `dt_s` with an effort; ν̇ is the value at the end.  (1)-(4)"""
 
         def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             nu = self._nu(x[3], x[4])
@@ -167,7 +168,7 @@ class Car:
         return np.array([x[0], x[1], wrap(x[2])]), nu, self.nu_dot(nu, effort.last)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """A car at `eta` (3,) that moves with `nu` (3,), motor off; both zero if not given."""
+        """Return the state at `eta` (3,) with the velocity `nu` (3,), both zero by default, with the motor off."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else self._nu(nu[0], nu[2])
         return VehicleState(eta, nu, self.nu_dot(nu, np.zeros(2)), self.drivetrain.init())
@@ -175,7 +176,7 @@ class Car:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick under the command `u` (2,); `noise` (3,) are unit normals, zeros for none."""
+        """Advance the vehicle by a tick with the command `u` (2,); `noise` (3,) are unit normals, zeros for none."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         kick = self.process_noise_std * np.sqrt(dt_s) * noise
@@ -183,12 +184,12 @@ class Car:
         return arrived(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _duty(self, effort: float) -> float:
-        """The part of the time in which the motor is driven.  (5)"""
+        """Return the part of the time in which the motor is driven.  (5)"""
         drivetrain = self.drivetrain
         zone = np.where(effort > 0.0, drivetrain.dead_zone_forward[0], drivetrain.dead_zone_backward[0])
         size = np.abs(effort)
         return size / drivetrain.gain[0] + zone * np.minimum(size / DRIVEN, 1.0)
 
     def _nu(self, v: float, r: float) -> np.ndarray:
-        """ν (3,) of a rear axle that does not slip.  (3)"""
+        """Return ν (3,) for a rear axle that does not slip.  (3)"""
         return np.array([v, self.rear_axle_m * r, r])

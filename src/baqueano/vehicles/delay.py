@@ -1,18 +1,18 @@
-"""Signals that come late: lines of past values, newest first, each with the duration δ_j of its own tick.
+"""Delayed signals: lines of past values, newest first, each with the duration δ_j of its own tick.
 
-A command u_j is in force for its tick and is felt d later. From the beginning of the present tick it is felt at
+A command u_j is sent for its tick and acts d later. From the beginning of the present tick it acts at
 
     b_0 = d,    b_j = b_{j−1} − δ_j                                                                       (1)
 
-so that during the tick three are felt one after the other (more only where ticks differ by a factor): u_k, the
-oldest, with b_k ≤ 0 < b_{k−1}, then u_{k−1} from b_{k−1} on and u_{k−2} from b_{k−2} on.
+So three commands act during the tick, one after the other (more only if the ticks differ by a factor). The first is
+u_k, the oldest one, with b_k ≤ 0 < b_{k−1}; then u_{k−1} acts from b_{k−1} on, and u_{k−2} from b_{k−2} on.
 
-A signal h with the samples h_j, of age a_0 = 0, a_j = a_{j−1} + δ_{j−1}, is read between two of them:
+A signal h with the samples h_j, of age a_0 = 0, a_j = a_{j−1} + δ_{j−1}, is interpolated between two of them:
 
     h(a) = h_0 + Σ_j (h_j − h_{j−1}) clip((a − a_{j−1}) / (a_j − a_{j−1}), 0, 1)                          (2)
 
-Both are differentiable in the delay, for any fraction of a tick; (1) is exact for commands that are held. A
-delay longer than the line is read at its end.
+(1) and (2) are differentiable in the delay, also for a fraction of a tick. (1) is exact for commands that are held. If
+the delay is longer than the line, its last value is used.
 """
 
 from collections.abc import Callable
@@ -24,12 +24,12 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 
-SHORTEST_TICK_S = 1e-9  # one count of the clock: what a tick without duration is taken for
-BEFORE_S = 1.0  # how long the first values of a line had been there
+SHORTEST_TICK_S = 1e-9  # one count of the clock: the length used for a tick without duration
+BEFORE_S = 1.0  # duration for which the first values of a line are assumed to have lasted
 
 
 class Piece(NamedTuple):
-    """A part of a tick during which one command is felt."""
+    """A segment of a tick in which one command acts."""
 
     u: np.ndarray  # (n,)
     begin_s: Value  # from the beginning of the tick
@@ -39,12 +39,15 @@ class Piece(NamedTuple):
 def pieces_in_force(
     u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value
 ) -> list[Piece]:
-    """Return what is felt during a tick of `dt_s`, in order: of the command `u` (n,) of this tick and of those before
-    it, `past` (slots, n), which were in force for `steps_s` (slots,).  (1)"""
+    """Return the segments of a tick of `dt_s` with the command that acts in each, in order.  (1)
+
+    `u` (n,) is the command of this tick. `past` (slots, n) are the earlier ones, which were sent for `steps_s`
+    (slots,).
+    """
     slots = past.shape[0]
     if slots == 0:
         return [Piece(u, 0.0, dt_s)]
-    values, begins = [u, u, u, *past], [dt_s, dt_s, delay_s]  # two that never begin stand before the newest
+    values, begins = [u, u, u, *past], [dt_s, dt_s, delay_s]  # two placeholders, which never act, come first
     for step_s in steps_s[: slots - 1]:
         begins.append(begins[-1] - step_s)
     selection = values[-1], values[-2], values[-3], begins[-1], begins[-2]
@@ -69,8 +72,11 @@ def read(
     age_s: Value,
     minus: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
 ) -> np.ndarray:
-    """Return the signal (m,) as it was `age_s` ago; `line` (slots, m) are the samples before the `newest`; `steps_s`
-    (slots,) is the time from each sample to the one before it, `minus` the difference of two.  (2)"""
+    """Return the signal (m,) as it was `age_s` ago, interpolated between its samples.  (2)
+
+    `line` (slots, m) are the samples before the `newest`. `steps_s` (slots,) is the time from each sample to the
+    previous one, and `minus` returns the difference of two samples.
+    """
     value, before, age = newest, newest, 0.0
     for k in range(line.shape[0]):
         step_s = np.maximum(steps_s[k], SHORTEST_TICK_S)
@@ -81,7 +87,7 @@ def read(
 
 
 def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
-    """Return the line (slots, …) one tick on."""
+    """Return the line (slots, …) one tick later: `newest` comes first, and the oldest value is dropped."""
     if line.shape[0] == 0:
         return line
     first = np.stack([newest]) if line.ndim == 1 else newest[None, :]
@@ -89,7 +95,7 @@ def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
 
 
 def check_delay(name: str, delay_s: float, delay_slots: int) -> None:
-    """Refuse a delay for which no past is kept."""
+    """Raise ValueError for a delay without slots for past values."""
     if not isinstance(delay_slots, int) or isinstance(delay_slots, bool) or delay_slots < 0:
         raise Invalid(fault("delay.slots", name=name, found=repr(delay_slots)))
     if delay_s > 0.0 and delay_slots == 0:

@@ -1,17 +1,17 @@
 """The drivetrain, from the sent command to the effort on the body, in the order of the hardware:
 
-    late      u_d = the commands delay_s ago, one after the other during the tick (delay.py)              (1)
+    late      u_d = the commands of delay_s ago, one after the other during the tick (delay.py)           (1)
     mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
     limited   w ← clip(w, −limit, limit), w in whole steps of the timer that makes the pulses             (3)
-    battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)     of motors; servos, the last channels, without    (4)
+    battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)     of motors; the servos (last channels) keep w     (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
-    gain      w ← gain · w / (1 − c + c |w before the dead zone|)      c: coasts between two pulses       (6)
-    lag       λ ẇ_l = w − w_l, exact over each part of a tick (effort.py)                                 (7)
-    unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2                                                   (8)
+    gain      w ← gain · w / (1 − c + c |w before the dead zone|)      c = 1: coasts between two pulses   (6)
+    lag       λ ẇ_l = w − w_l, exact over each segment of a tick (effort.py)                              (7)
+    unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2           l, r: left and right channel            (8)
 
-All in the unit of u; with the defaults the effort is the command. (2) and (8) are the one place where wheels are
-mixed: the robot's link uses them too. With battery = "logged" V is the channel `battery` of the run [V].
-Derivation: docs/derivations/vehicles.md.
+All quantities are in the unit of u; with the defaults the effort is the command. (2) and (8) are the only place that
+mixes wheels; the robot's link uses them too. V is the voltage: with battery = "logged", it is the channel `battery` of
+the run [V]. κ is `battery_effect`, V₀ `battery_nominal_v`. Derivation: docs/derivations/vehicles.md.
 """
 
 from dataclasses import dataclass
@@ -27,25 +27,25 @@ from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, check_delay, pieces_in_force, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag
 
-LEAST_LAG_S = 1e-100  # a tick over a smaller one is beyond the floating-point numbers
+LEAST_LAG_S = 1e-100  # a tick divided by a smaller lag overflows a floating-point number
 MIXINGS = ("none", "two_wheels")
-SMALLEST_DUTY = 1e-3  # keeps (6) finite where nothing is commanded
+SMALLEST_DUTY = 1e-3  # keeps (6) finite without a command
 RESERVE = 0.02  # of a wheel's range, kept for the turn
 RAMP = 0.02  # of a channel: below, the inverse of a dead zone does not jump from one side to the other
 BATTERIES = ("steady", "logged")
 
 
 class DrivetrainState(NamedTuple):
-    """State of a drivetrain.
+    """State of a drivetrain between two ticks.
 
     Attributes
     ----------
     past : ndarray (delay_slots, n) [unit of u]
-        Commands of the ticks before, newest first.
+        Commands of the previous ticks, newest first.
     steps_s : ndarray (delay_slots,)
-        Duration of each of them.
+        Duration of each of those ticks.
     lagged : ndarray (k,) [unit of u]
-        Channels behind the motor lag.
+        Channels after the motor lag.
     """
 
     past: np.ndarray
@@ -54,20 +54,20 @@ class DrivetrainState(NamedTuple):
 
 
 def mix(mixing: str, u: np.ndarray) -> np.ndarray:
-    """Channels (k,) of a command (n,): left and right wheel for "two_wheels".  (2)"""
+    """Return the channels (k,) of a command (n,): left and right wheel for "two_wheels".  (2)"""
     if mixing == "none":
         return u
     return np.array([u[0] - u[2], u[0] + u[2]])
 
 
 def quantised(z: np.ndarray, step: Value) -> np.ndarray:
-    """z (m,) rounded to whole steps (m,); a step of 0 rounds nothing."""
+    """Return z (m,) rounded to whole steps (m,); a step of 0 leaves z unchanged."""
     safe = np.where(step > 0.0, step, 1.0)
     return np.where(step > 0.0, safe * np.floor(z / safe + 0.5), z)
 
 
 def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
-    """Command (n,) that channels (k,) amount to; u_y of two wheels is 0.  (8)"""
+    """Return the command (n,) that corresponds to channels (k,); u_y of two wheels is 0.  (8)"""
     if mixing == "none":
         return w
     return np.array([0.5 * (w[0] + w[1]), 0.0, 0.5 * (w[1] - w[0])])
@@ -76,9 +76,10 @@ def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Drivetrain:
-    """Command u (n,) → effort (n,). Arrays hold one value per channel: (k,), or (1,) for all channels alike.
+    """Drivetrain from the command u (n,) to the effort.
 
-    k is 2 for two wheels, else n. The first six fields are configuration and never traced.
+    Arrays hold one value per channel: (k,), or (1,) for all channels. k is 2 for two wheels, else n. The first six
+    fields are configuration and never traced.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ class Drivetrain:
     delay_slots : int
         Past ticks kept for the delay: delay_s · rate_hz, rounded up.
     has_lag : bool
-        Set by itself where lag_s > 0.
+        True if lag_s > 0; set automatically.
 
     Notes
     -----
@@ -196,31 +197,31 @@ class Drivetrain:
 
     @property
     def channels(self) -> int:
-        """k, the number of motors or servos behind the mix."""
+        """Return k, the number of motors or servos behind the mix."""
         return 2 if self.mixing == "two_wheels" else self.commands
 
     def mix(self, u: np.ndarray) -> np.ndarray:
-        """Channels (k,) of a command (n,).  (2)"""
+        """Return the channels (k,) of a command (n,).  (2)"""
         return mix(self.mixing, u)
 
     def unmix(self, w: np.ndarray) -> np.ndarray:
-        """Command (n,) that channels (k,) amount to.  (8)"""
+        """Return the command (n,) that corresponds to channels (k,).  (8)"""
         return unmix(self.mixing, w)
 
     def init(self) -> DrivetrainState:
-        """Motors that have been off for long."""
+        """Return the state of motors that have been off for a long time."""
         past = np.zeros((self.delay_slots, self.commands))
         return DrivetrainState(past, BEFORE_S * np.ones(self.delay_slots), np.zeros(self.channels))
 
     def settled(self, u: np.ndarray) -> DrivetrainState:
-        """Motors that have had the command `u` (n,) for long."""
+        """Return the state of motors that have had the command `u` (n,) for a long time."""
         off = self.init()
         return off._replace(
             past=off.past + u, lagged=self.static(self.mix(u)) if self.has_lag else off.lagged
         )
 
     def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
-        """Effort over the tick of `dt_s` during which `u` (n,) is sent.  (1)-(8)"""
+        """Return the state and the effort over a tick of `dt_s`, during which `u` (n,) is sent.  (1)-(8)"""
         pieces = pieces_in_force(u, state.past, state.steps_s, self.delay_s, dt_s)
         pieces = [piece._replace(u=self.static(self.mix(piece.u))) for piece in pieces]
         lag = with_lag(pieces, state.lagged, self.lag_s, dt_s) if self.has_lag else without_lag(pieces, dt_s)
@@ -232,7 +233,7 @@ class Drivetrain:
         return after, Effort(*map(self.unmix, lag))
 
     def static(self, w: np.ndarray) -> np.ndarray:
-        """Channels (k,) that the motors turn into force after their lag.  (3)-(6)"""
+        """Return the input (k,) of the motor lag for the channels `w` (k,).  (3)-(6)"""
         w = np.clip(quantised(w, self.duty_step), -self.limit, self.limit)
         w = w * self._supply(1.0 - self.sag * np.mean(np.abs(w[self._motors])))
         duty = np.maximum(np.abs(w), SMALLEST_DUTY)
@@ -240,9 +241,9 @@ class Drivetrain:
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
 
     def inverse(self, effort: np.ndarray) -> np.ndarray:
-        """Return the command (n,) that holds `effort` (n,) once delay and lag are over: (2)-(6) backwards.
+        """Return the command (n,) that holds `effort` (n,) after delay and lag: the inverse of (2)-(6).
 
-        At 0 the step of the dead zone becomes a ramp as wide as RAMP; `limit` is left to the caller.
+        At 0 the step of the dead zone becomes a ramp as wide as RAMP. The caller applies `limit`.
         """
         w = self.mix(effort)
         size, zone = np.abs(w), np.where(w > 0.0, self.dead_zone_forward, self.dead_zone_backward)
@@ -252,13 +253,16 @@ class Drivetrain:
         )
         mean_effort = np.mean(
             (duty / self._supply(1.0))[self._motors]
-        )  # mean|w| before the sag: sag · x² − x + held = 0
+        )  # mean|w| before the sag solves sag · x² − x + mean_effort = 0
         share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * mean_effort, 0.0))
         return self.unmix(np.sign(w) * duty / self._supply(share))
 
     def turn_first(self, u: np.ndarray) -> np.ndarray:
-        """Return the command (n,) with so much less speed that no wheel reaches its limit: one that did would turn the
-        vehicle off its path. Where each channel is a command of its own, `u` (n,)."""
+        """Return the command (n,) with its speed reduced so that no wheel reaches its limit.
+
+        A wheel at its limit would turn the vehicle off its path. If each channel has its own command, return `u`
+        unchanged.
+        """
         if self.mixing == "none":
             return u
         room = np.maximum((1.0 - RESERVE) * np.min(self.limit) - np.abs(u[2]), 0.0)
@@ -266,11 +270,11 @@ class Drivetrain:
 
     @property
     def _motors(self) -> slice:
-        """The channels that the battery drives."""
+        """Return the slice of the channels that the battery drives."""
         return slice(0, self.channels - self.servos)
 
     def _supply(self, share: Value) -> Value:
-        """Part of the voltage that each channel gets, (k,) or () for all; `share` is left of it by the sag.  (4)"""
+        """Return the relative voltage of each channel, (k,), or () for all; `share` is what the sag leaves.  (4)"""
         supply = share * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
         if not self.servos:
             return supply

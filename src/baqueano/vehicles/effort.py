@@ -1,15 +1,14 @@
-"""Effort over a tick: a straight line with the same mean and the same first moment.
+"""The effort over a tick as a straight line with the same mean and the same first moment.
 
-A tick of length δ has pieces of constant drive w, from a on for h (delay.py), and behind a motor with the time
-constant λ the effort l follows exactly, λ l̇ = w − l:
+A tick of length δ consists of segments of constant drive w, each from the time a on for h (delay.py). Behind a motor
+with the time constant λ, the effort l follows λ l̇ = w − l exactly:
 
     x = l − w,   E = e^(−h/λ),   J₀ = λ (1 − E),   J₁ = λ (J₀ − h E),    l ← w + x E                      (1)
     M₀ = ∫ l dt = Σ w h + x J₀,    M₁ = ∫ l t dt = Σ w h (a + h/2) + x (a J₀ + J₁)                        (2)
     m₀ = M₀/δ,   m₁ = 2 M₁/δ² − m₀,    the line from m₀ − 3 m₁ to m₀ + 3 m₁                               (3)
 
-A step of Runge-Kutta that takes its stages from the line is as exact as the line: the change of ν over the tick
-depends on M₀, and how it came about on M₁. What an accelerometer feels at the end of the tick is the effort at that
-instant, l, and without a lag the last w.
+A Runge-Kutta step takes its stages from the line and is as exact as the line: ν changes by M₀, and the position also by
+M₁. An accelerometer at the end of the tick measures the effort of that instant: l, or the last w without a lag.
 """
 
 from collections.abc import Sequence
@@ -20,11 +19,11 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.vehicles.delay import SHORTEST_TICK_S, Piece
 
-WHOLE = 1.0 - 1e-9  # of a tick: what begins later was not yet felt at its end
+WHOLE = 1.0 - 1e-9  # of a tick: a segment that begins later does not yet act at its end
 
 
 class Effort(NamedTuple):
-    """The effort of one tick, a straight line in time.
+    """The effort of one tick, as a straight line in time.
 
     Attributes
     ----------
@@ -33,7 +32,7 @@ class Effort(NamedTuple):
     end : ndarray (n,) [unit of u]
         The line at the end of the tick.
     last : ndarray (n,) [unit of u]
-        The effort itself at the end of the tick, which an accelerometer shows.
+        The effort itself at the end of the tick, which an accelerometer measures.
 
     Examples
     --------
@@ -57,7 +56,7 @@ def steady(effort: np.ndarray) -> Effort:
 
 
 def without_lag(pieces: Sequence[Piece], dt_s: Value) -> Effort:
-    """Return the effort of motors that follow at once.  (2, 3)"""
+    """Return the effort of motors without a lag.  (2, 3)"""
     last = pieces[0].u
     if len(pieces) == 1:
         return steady(last)
@@ -71,7 +70,7 @@ def without_lag(pieces: Sequence[Piece], dt_s: Value) -> Effort:
 
 
 def with_lag(pieces: Sequence[Piece], lagged: np.ndarray, lag_s: Value, dt_s: Value) -> Effort:
-    """Return the effort of motors with the time constant `lag_s`, of which `lagged` (k,) was left.  (1)-(3)"""
+    """Return the effort of motors with the time constant `lag_s`; `lagged` (k,) is their state before.  (1)-(3)"""
     mass = moment = np.zeros(len(pieces[0].u))
     dt_s = np.maximum(dt_s, SHORTEST_TICK_S)
     for w, a, h in pieces:

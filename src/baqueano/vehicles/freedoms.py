@@ -1,8 +1,8 @@
-"""Motions that a vehicle can make, asked of its own equations: no class is named, so that yours is served as ours are.
+"""Find the motions that a vehicle can make from its own equations. No class is named, so it works for your vehicle too.
 
-kept    entries of ν that a vehicle keeps from tick to tick; a kinematic one keeps none               (1)
-rates   −∂ν̇_i/∂ν_i at rest [1/s], how fast a small motion fades                                       (2)
-slopes  of a parameter in which (2) is linear, what one unit of it adds                               (3)
+kept    entries of ν that stay from one tick to the next; a kinematic vehicle keeps none of them      (1)
+rates   −∂ν̇_i/∂ν_i at rest [1/s], the rate at which a small motion fades                              (2)
+slopes  change of (2) by one unit of a parameter, if (2) is linear in it                              (3)
 """
 
 from collections.abc import Collection, Iterator
@@ -17,13 +17,13 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.state import DynamicVehicle
 
 AXES = (N_("forward"), N_("sideways"), N_("turning"))
-SOON_S = 1e-6  # in which no velocity fades
-TURNS = 0.5  # the yaw rate of the first command against that of the last, at most
-SMALL = 1e-8  # of a speed, below every one at which a friction changes
+SOON_S = 1e-6  # a time so short that velocities do not fade
+TURNS = 0.5  # largest ratio between the yaw rates of the first and the last command
+SMALL = 1e-8  # a speed below the range in which friction changes
 
 
 def kept(vehicle: DynamicVehicle) -> tuple[int, ...]:
-    """Entries of ν, 0 forward, 1 sideways, 2 turning.  (1)"""
+    """Return the entries of ν that the vehicle keeps without a command: 0 forward, 1 sideways, 2 turning.  (1)"""
     rest_command, moving = np.zeros(vehicle.commands), []
     for i, nu in enumerate(0.1 * np.eye(3)):
         _, motion = vehicle.step(vehicle.init(nu=nu), rest_command, SOON_S, np.zeros(3))
@@ -32,7 +32,7 @@ def kept(vehicle: DynamicVehicle) -> tuple[int, ...]:
 
 
 def rates(vehicle: DynamicVehicle, there: tuple[int, ...] | None = None) -> np.ndarray:
-    """(3,); zeros for a vehicle without nu_dot; `there` is (1), where it is known.  (2)"""
+    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot. `there` is (1), if it is known.  (2)"""
     if not is_dynamic(vehicle):
         return np.zeros(3)
     return _rates(vehicle, kept(vehicle) if there is None else there)
@@ -41,8 +41,10 @@ def rates(vehicle: DynamicVehicle, there: tuple[int, ...] | None = None) -> np.n
 def slopes(
     vehicle: DynamicVehicle, fields: Collection[str], there: tuple[int, ...] | None = None
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """(path with its entry, (3,)) of each parameter of the `fields`, "model.…", that makes motions fade; `there` is
-    (1), where it is known.  (3)"""
+    """Yield (path with its entry, slope (3,)) of each parameter of the `fields`, "model.…", that damps a motion.
+
+    `there` is (1), if it is known.  (3)
+    """
     model, there = {"model": vehicle}, kept(vehicle) if there is None else there
     for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
@@ -66,25 +68,25 @@ def _rates(vehicle: DynamicVehicle, index: tuple[int, ...]) -> np.ndarray:
 
 
 def ideal(vehicle: DynamicVehicle) -> DynamicVehicle:
-    """Return the vehicle with an ideal drivetrain: a dead zone hides the effect of small commands."""
+    """Return the vehicle with an ideal drivetrain, because a dead zone hides the effect of small commands."""
     drivetrain = Drivetrain(mixing=vehicle.drivetrain.mixing, commands=vehicle.commands)
     return put({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
 
 
 def steers(vehicle: DynamicVehicle) -> bool:
-    """Return True where the last command turns the vehicle only while it moves, as a servo does."""
+    """Return True if the last command turns the vehicle only while it moves, as a servo does."""
     return vehicle.commands > 1 and not np.any(_accelerations(vehicle, -1))
 
 
 def turns(vehicle: DynamicVehicle) -> bool:
-    """Return True where the last command turns: a servo, or by far more than the first command does."""
+    """Return True if the last command turns the vehicle: as a servo, or more than twice as fast as the first one."""
     return steers(vehicle) or bool(
         abs(_accelerations(vehicle, 0)[2]) < TURNS * abs(_accelerations(vehicle, -1)[2])
     )
 
 
 def _accelerations(vehicle: DynamicVehicle, command: int) -> np.ndarray:
-    """Return ν (3,) from rest under one unit of a command alone."""
+    """Return ν (3,) shortly after rest with one unit of one command; it is proportional to the acceleration."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))
     return vehicle.step(state, u, SOON_S, np.zeros(3))[0].nu

@@ -3,14 +3,14 @@
     f(ν) = (d_l + d_c |ν|) ν + d_k tanh(ν / ν_k) + (k ν_x |ν_ψ|, 0, 0) + (F_l + F_r, 0, (F_r − F_l) b/2)   (1)
     F = t (d_f (1 + t) + d_b (1 − t)) / 2,   t = tanh(v / ν_k),   of a wheel at v = ν_x ∓ ν_ψ b/2           (2)
 
-The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper prints negative d.
-The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and derived (errata 12). The third
-is the drag of cornering. The fourth is the dry friction of a left and a right wheel that stand b apart; d_f when
-rolling forward, d_b when rolling backward. A run tells d_k of x and d_f, d_b of the wheels apart only in tight turns:
-free one or the other.
+ν is the velocity. The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper
+prints negative d. The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and
+differentiated (errata 12). The third is the drag of cornering. The fourth is the dry friction of a left and a right
+wheel at the distance b: d_f when it rolls forward, d_b when it rolls backward. A run distinguishes d_k of x from d_f,
+d_b of the wheels only in tight turns: free one or the other.
 
-Every term opposes the motion: ν · f(ν) ≥ 0, an unforced vehicle never gains energy.
-For RK4 at a step h, keep m ν_k / d_k above h/2 (and m / d_l above h/2): see rk4.py.
+Each term opposes the motion: ν · f(ν) ≥ 0, so a vehicle without drive never gains energy. For RK4 with a step h, keep m
+ν_k / d_k and m / d_l above h/2, m the mass: see rk4.py.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ ZERO = (0.0, 0.0, 0.0)
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Friction:
-    """Friction of a rigid body in the plane, along body x, y and about z.
+    """Friction of a rigid body in the plane, along body x and y and about z.
 
     Notes
     -----
@@ -94,14 +94,14 @@ class Friction:
             raise Invalid(fault("friction.track"))
 
     def force(self, nu: np.ndarray) -> np.ndarray:
-        """f(ν) (3,) [N, N, N m], to be subtracted from what drives the vehicle.  (1)"""
+        """Return f(ν) (3,) [N, N, N m]; it is subtracted from the driving force.  (1)"""
         d = (self.linear + self.quadratic * np.abs(nu)) * nu
         dry = self.coulomb * np.tanh(nu / self.coulomb_speed)
         turning = np.array([self.cornering * nu[0] * np.abs(nu[2]), 0.0, 0.0])
         return d + dry + turning + self._of_wheels(nu)
 
     def _of_wheels(self, nu: np.ndarray) -> np.ndarray:
-        """Dry friction of the wheels (3,).  (2)"""
+        """Return the dry friction of the wheels (3,).  (2)"""
         half = 0.5 * self.track_m
         t = np.tanh(np.array([nu[0] - half * nu[2], nu[0] + half * nu[2]]) / self.coulomb_speed[0])
         F = 0.5 * t * (self.coulomb_forward * (1.0 + t) + self.coulomb_backward * (1.0 - t))

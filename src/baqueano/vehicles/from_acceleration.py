@@ -1,9 +1,9 @@
-"""A vehicle defined by its acceleration alone: write ν̇(ν, effort), the rest is here.
+"""Base of a vehicle that is defined by its acceleration: a subclass writes only ν̇(ν, effort, ψ).
 
-    η̇ = J(ψ) ν,   ν̇ = nu_dot(ν, effort, ψ); ν stays 0 along what is not among `axes`                     (1)
+    η̇ = J(ψ) ν,   ν̇ = nu_dot(ν, effort, ψ); ν stays 0 along each axis that is not in `axes`                (1)
 
-A class of your own names its parameters and `nu_dot`; it inherits drivetrain, process noise and the methods of
-`Vehicle`. Its floor is level.
+η is the pose, ψ its heading, ν the velocity, J(ψ) the rotation from body to map. A subclass defines its parameters and
+`nu_dot`. It inherits the drivetrain, the process noise and the methods of `Vehicle`. The floor is level.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,17 +25,17 @@ from baqueano.vehicles.state import VehicleState, arrived
 @documented
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FromAcceleration:
-    """Base of a vehicle whose class defines `nu_dot`; all else follows from it.
+    """Base of a vehicle whose subclass defines `nu_dot`; the other methods follow from it.
 
     Parameters
     ----------
     drivetrain : Drivetrain
-        What lies between the command and the effort.
+        The block between the command and the effort.
 
     Notes
     -----
-    Equation (1) of the module. The class variables `commands` and `axes` say how many commands the vehicle takes, and
-    along which axes of the body it moves: 0 forward, 1 sideways, 2 turning.
+    Equation (1) of the module. The class variable `commands` is the number of commands. `axes` lists the axes of the
+    body along which the vehicle moves: 0 forward, 1 sideways, 2 turning.
 
     Examples
     --------
@@ -67,20 +67,20 @@ class FromAcceleration:
             object.__setattr__(self, "drivetrain", replace(self.drivetrain, commands=self.commands))
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """Return ν̇ (3,) [m/s², m/s², rad/s²], body frame, at ν (3,) under an effort (n,) at the heading ψ."""
+        """Return ν̇ (3,) [m/s², m/s², rad/s²], body frame, at ν (3,) with an effort (n,) at the heading ψ."""
         raise NotImplementedError(
             f"{type(self).__name__} lacks its equation: write nu_dot(self, nu, effort, psi), which returns ν̇ (3,). "
             "An example: docs/own-vehicle.md"
         )
 
     def gravity(self, psi: float) -> np.ndarray:
-        """Return gravity along body x and y (2,) [m/s²]: a level floor."""
+        """Return gravity along body x and y (2,) [m/s²]: zeros, because the floor is level."""
         return np.zeros(2)
 
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (η, ν, ν̇) (3,) each after `dt_s` under an effort; ν̇ is that of the end.  (1)"""
+        """Return (η, ν, ν̇), (3,) each, after `dt_s` with an effort; ν̇ is the value at the end.  (1)"""
 
         def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             return np.concatenate([map_from_body(x[2]) @ x[3:], self._free(self.nu_dot(x[3:], effort, x[2]))])
@@ -90,7 +90,7 @@ class FromAcceleration:
         return eta, x[3:], self.nu_dot(x[3:], effort.last, eta[2])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """Return the state at the pose `eta` (3,) and the velocity `nu` (3,), motors off; zero if not given."""
+        """Return the state at the pose `eta` (3,) and the velocity `nu` (3,), both zero by default, with motors off."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else self._free(nu)
         nu_dot = self.nu_dot(nu, np.zeros(self.commands), eta[2])
@@ -99,12 +99,12 @@ class FromAcceleration:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick of `dt_s` under the command `u` (n,); `noise` (3,): unit normals."""
+        """Return state and Motion after a tick of `dt_s` with the command `u` (n,); `noise` (3,): unit normals."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = self._free(nu + self.process_noise_std * np.sqrt(dt_s) * noise)
         return arrived(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _free(self, x: np.ndarray) -> np.ndarray:
-        """Return x (3,) along the axes, 0 along the others."""
+        """Return x (3,) with zeros along the axes that are not in `axes`."""
         return x * np.array([1.0 if i in self.axes else 0.0 for i in range(3)])

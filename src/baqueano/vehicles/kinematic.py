@@ -1,15 +1,15 @@
-"""The paper's kinematic model: a command is a velocity, at once.
+"""The paper's kinematic model: a command is a velocity, without delay.
 
     ν = V e − (0, k ν_x ν_ψ, 0)                                                                           (1)
     ν̇ = (ν − ν_before) / δ                                                                                (2)
-    η̇ = J(ψ) ν, with ν of (1) all along the tick                                                          (3)
+    η̇ = J(ψ) ν, with ν of (1) during the whole tick δ                                                     (3)
 
-e is the effort: behind a motor with a lag that of the instant. Without one ν would jump whenever a command arrives,
-which no vehicle does and no sensor shows: there ν is that of the mean effort of the tick. Grotz et al. name "the
-kinematic model" and "the V matrix"; the paragraph is missing from their text (errata 7).
+η is the pose, ν the velocity, V a matrix. e is the effort: that of the instant if the motors have a lag, else the mean
+of the tick. (With the effort of the instant and without a lag, ν would jump at each command, as no real vehicle does.)
+Grotz et al. name "the kinematic model" and "the V matrix"; the paragraph is missing from their text (errata 7).
 
-The last term of (1) is not in the paper: wheels hold sideways by slipping a little, outward, in proportion to the
-force of the curve m ν_x ν_ψ; k is the mass over what they resist [s]. docs/benchmarks.md has its size.
+The last term of (1) is not in the paper: wheels slip a little outward, in proportion to the force in a curve m ν_x ν_ψ.
+k [s] is the mass over their lateral resistance. docs/benchmarks.md has its size.
 """
 
 from dataclasses import dataclass, field
@@ -36,12 +36,12 @@ from baqueano.vehicles.state import VehicleState
 class Kinematic:
     """A vehicle whose velocity is linear in its command: (u_x, u_y, u_ψ) → (ν_x, ν_y, ν_ψ).
 
-    Usually you want `Planar`; this one suits a vehicle that answers within a tick or two.
+    Usually you want `Planar`; this one suits a vehicle that follows a command within one or two ticks.
 
     Parameters
     ----------
     drivetrain : Drivetrain
-        What lies between the command and the effort.
+        The block between the command and the effort.
 
     Notes
     -----
@@ -83,22 +83,22 @@ class Kinematic:
             )
 
     def gravity(self, psi: float) -> np.ndarray:
-        """Gravity along body x and y (2,) [m/s²]: a kinematic floor is level."""
+        """Return gravity along body x and y (2,) [m/s²]: zeros, because the floor is level."""
         return np.zeros(2)
 
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under an effort.  (1)-(3)"""
+        """Return (η, ν, ν̇) after `dt_s` with an effort.  (1)-(3)"""
         return self._travel(eta, nu, effort, dt_s, np.zeros(3))
 
     def velocity(self, effort: np.ndarray) -> np.ndarray:
-        """ν (3,) of an effort (3,).  (1)"""
+        """Return ν (3,) for an effort (3,).  (1)"""
         nu = self.velocity_matrix @ effort
         return nu - np.array([0.0, self.slide_s * nu[0] * nu[2], 0.0])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """A vehicle at `eta` (3,) that moves with `nu` (3,); both zero if not given."""
+        """Return the state at `eta` (3,) with the velocity `nu` (3,); both are zero by default."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else nu
         return VehicleState(eta, nu, np.zeros(3), self.drivetrain.init())
@@ -106,7 +106,7 @@ class Kinematic:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none."""
+        """Advance the vehicle by a tick with the command `u` (3,); `noise` (3,) are unit normals, zeros for none."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         scatter = self.process_noise_std * noise
         eta, nu, nu_dot = self._travel(state.eta, state.nu, effort, dt_s, scatter)

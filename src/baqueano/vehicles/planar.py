@@ -1,15 +1,16 @@
-"""The paper's dynamic model: a rigid body in the plane, pushed by forces that are linear in the command.
+"""The paper's dynamic model: a rigid body in the plane, driven by forces that are linear in the command.
 
     M ν̇ + C(ν)ν + D(ν)ν + g(η) = T u          Grotz et al., `equ:movement_equation`                       (1)
     η̇ = J(ψ) ν                                                                                            (2)
-    ν̇_ψ = (N − c Y) / I                       (X, Y, N) = T u − f(ν), friction.py                         (3)
+    ν̇_ψ = (N − c Y) / I                       (X, Y, N) = T u − f(ν), f(ν) the friction of friction.py    (3)
     ν̇_x = X/m + g_x + ν_ψ ν_y + c ν_ψ²                                                                    (4)
     ν̇_y = Y/m + g_y − ν_ψ ν_x − c ν̇_ψ                                                                     (5)
     g_xy = −g sin α (cos(χ − ψ), sin(χ − ψ))  a floor that rises by α towards χ of the map                (6)
 
-The origin of the body is on the axle, the centre of mass c ahead of it, I the inertia about the centre of mass.
-Departures from the printed text: the third row of C(ν)ν is 0 for c = 0 (errata 2); D is dissipative, d ≥ 0 (errata 1,
-6); g(η) is (6). Derivation: docs/derivations/vehicles.md.
+η: pose; ν: velocity; u: command, after the drivetrain; T: actuator matrix; m, I: mass and inertia about the centre of
+mass. The origin of the body is on the axle; the centre of mass lies c ahead of it. Departures from the printed text:
+the third row of C(ν)ν is 0 for c = 0 (errata 2); D is dissipative, d ≥ 0 (errata 1, 6); g(η) is (6). Derivation:
+docs/derivations/vehicles.md.
 """
 
 from dataclasses import dataclass, field
@@ -38,9 +39,9 @@ class Planar:
     Parameters
     ----------
     friction : Friction
-        What opposes the motion.
+        The forces against the motion.
     drivetrain : Drivetrain
-        What lies between the command and the effort.
+        The block between the command and the effort.
 
     Notes
     -----
@@ -97,18 +98,18 @@ class Planar:
 
     @property
     def turning_arm_m(self) -> float:
-        """ν̇_y per ν̇_ψ: how far the origin lies ahead of what turns in place [m]."""
+        """Return ν̇_y per ν̇_ψ [m]: the distance of the origin ahead of the centre of mass."""
         return -self.centre_of_mass_x_m
 
     def gravity(self, psi: float) -> np.ndarray:
-        """Gravity along body x and y (2,) [m/s²].  (6)"""
+        """Return gravity along body x and y (2,) [m/s²].  (6)"""
         down = -STANDARD_GRAVITY * np.sin(self.slope_rad)
         return np.array(
             [down * np.cos(self.slope_heading_rad - psi), down * np.sin(self.slope_heading_rad - psi)]
         )
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """ν̇ = M⁻¹ (T u − C(ν)ν − D(ν)ν − g(η)), (3,).  (3)-(5)"""
+        """Return ν̇ = M⁻¹ (T u − C(ν)ν − D(ν)ν − g(η)), (3,).  (3)-(5)"""
         m, I, c = self.mass_kg, self.inertia_kg_m2, self.centre_of_mass_x_m
         X, Y, N = self.actuator_matrix @ effort - self.friction.force(nu)
         g = self.gravity(psi)
@@ -120,7 +121,7 @@ class Planar:
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s` under an effort; ν̇ is the one at the end.  (1), (2)"""
+        """Return (η, ν, ν̇) after `dt_s` with an effort; ν̇ is the value at the end.  (1), (2)"""
 
         def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
             return np.concatenate([map_from_body(x[2]) @ x[3:], self.nu_dot(x[3:], effort, x[2])])
@@ -130,7 +131,7 @@ class Planar:
         return eta, x[3:], self.nu_dot(x[3:], effort.last, eta[2])
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """A vehicle at `eta` (3,) that moves with `nu` (3,), motors off; both zero if not given."""
+        """Return the state at `eta` (3,) with the velocity `nu` (3,), both zero by default, with motors off."""
         eta = np.zeros(3) if eta is None else eta
         nu = np.zeros(3) if nu is None else nu
         return VehicleState(eta, nu, self.nu_dot(nu, np.zeros(3), eta[2]), self.drivetrain.init())
@@ -138,9 +139,9 @@ class Planar:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none.
+        """Advance the vehicle by a tick with the command `u` (3,); `noise` (3,) are unit normals, zeros for none.
 
-        The noise kicks ν at the end of the tick; the acceleration there is the model's at the kicked ν.
+        The noise changes ν at the end of the tick; ν̇ is that of the model at the changed ν.
         """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)

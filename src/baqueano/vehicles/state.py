@@ -1,4 +1,4 @@
-"""Promise and state of a vehicle, and how a tick ends for those with a ν̇ of their own."""
+"""Protocol and state of a vehicle, and the end of a tick for vehicles with an acceleration."""
 
 from typing import ClassVar, NamedTuple, Protocol
 
@@ -38,7 +38,7 @@ class VehicleState(NamedTuple):
 
 
 class Vehicle(Protocol):
-    """A vehicle, as the loop, the estimators and the fit use it. n = `commands`.
+    """Protocol of a vehicle for the loop, the estimators and the fit; n = `commands`.
 
     Examples
     --------
@@ -54,35 +54,35 @@ class Vehicle(Protocol):
 
     @property
     def drivetrain(self) -> Drivetrain:
-        """Return the drivetrain, between the command and the body."""
+        """Return the drivetrain between the command and the body."""
         ...
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
-        """A vehicle at `eta` (3,) that moves with `nu` (3,)."""
+        """Return the state at the pose `eta` (3,) with the velocity `nu` (3,)."""
         ...
 
     def advance(
         self, eta: np.ndarray, nu: np.ndarray, effort: Effort, dt_s: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) (3,) each, after `dt_s` under an effort that changes in a straight line, without noise."""
+        """Return (η, ν, ν̇), (3,) each, after `dt_s` with an effort that is a straight line in time, without noise."""
         ...
 
     def gravity(self, psi: float) -> np.ndarray:
-        """Gravity along body x and y (2,) [m/s²]."""
+        """Return gravity along body x and y (2,) [m/s²]."""
         ...
 
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick under the command `u` (n,); `noise` (3,) are unit normals."""
+        """Advance the vehicle by a tick with the command `u` (n,); `noise` (3,) are unit normals."""
         ...
 
 
 class DynamicVehicle(Vehicle, Protocol):
-    """A vehicle with an acceleration, which a kinematic one lacks: `optional.is_dynamic` tests it."""
+    """Protocol of a vehicle with an acceleration, which a kinematic one lacks: `optional.is_dynamic` tests it."""
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: Value = 0.0, /) -> np.ndarray:
-        """ν̇ (3,) of ν (3,) under an effort, at the heading ψ."""
+        """Return ν̇ (3,) at ν (3,) with an effort, at the heading ψ."""
         ...
 
 
@@ -95,8 +95,11 @@ def arrived(
     effort: Effort,
     dt_s: Value,
 ) -> tuple[VehicleState, Motion]:
-    """Return the state at the end of a tick under `effort`, and what sensors see of it: ν̇ of that instant, and for
-    those with a low-pass the tick, ν as a curve of third degree and the effort as a line."""
+    """Return the state at the end of a tick with `effort`, and the Motion that the sensors measure.
+
+    The Motion has ν̇ of that instant. For sensors with a low-pass it also has the course of the tick: ν is a cubic
+    curve, and the effort a line.
+    """
 
     def at(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
         return Motion(eta, nu, model.nu_dot(nu, effort, eta[2]), model.gravity(eta[2]))

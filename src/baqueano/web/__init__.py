@@ -1,17 +1,17 @@
-"""The page: a process of its own between browsers and the service of a vehicle, or a recorded run.
+"""Serve the page: a separate process between browsers and the service of a vehicle, or a recorded run.
 
-    browser ──WebSocket──► page process ──words of door/──► service of a robot, or of a simulation
-                                └────── pipes ────────────► lab worker: what needs numpy (lab/)
+    browser ──WebSocket──► page process ──messages of door/──► service of a robot, or of a simulation
+                                └────── pipes ───────────────► lab worker: all that needs numpy (lab/)
 
-It cannot hurt the loop, imports no numpy, and never makes a sign of life of its own.
+The page process cannot disturb the control loop, does not import numpy, and never sends a heartbeat on its own.
 
-server, http, guard     who may connect, and to what
-visitor                 one browser: its words, and what waits for it
-page, live              what the words of a browser do: with runs, with a vehicle
-feed, lease, sentence   ticks on their way to all browsers; who drives; the state in words
-service                 the vehicle
-run, share              the process, and the address that it prints
-static/                 what the browser gets
+server, http, guard     decide who may connect, and to what
+visitor                 one browser: its messages, and the queue of what is to be sent to it
+page, live              carry out the messages of a browser: about runs, about a vehicle
+feed, lease, sentence   ticks on their way to all browsers; who drives; the state as sentences
+service                 the connection to the vehicle
+run, share              the process from start to end, and the address that it prints
+static/                 the files that the browser loads
 """
 
 PROTOCOL = 1

@@ -1,4 +1,4 @@
-"""Ticks on their way to all browsers: rows of float32 in frames, and a ring of the last KEPT_S for who comes late.
+"""Keep the ticks on their way to all browsers: rows of float32 in frames, and a ring of the last KEPT_S for latecomers.
 
 frame   uint32 stream and number, uint32 rows R, float64 time of the first row [s], R × F float32, little-endian
 """
@@ -23,7 +23,7 @@ NAN = float("nan")
 
 
 class Feed:
-    """The rows of the drive that goes on, or of the last one."""
+    """The rows of the current drive, or of the last one if none is under way."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -36,7 +36,7 @@ class Feed:
         self._last: Sequence[float] = ()
 
     def columns(self, names: list[str]) -> bool:
-        """Take the names of the columns; return True if they are others than before. A drive begins."""
+        """Begin a drive with these column names; return True if they differ from the previous ones."""
         self._forget()
         if names == self.names:
             return False
@@ -44,7 +44,7 @@ class Feed:
         return True
 
     def take(self, word: "JsonObject") -> bytes | None:
-        """Return the frame of these ticks; None where they do not fit the columns."""
+        """Return the frame of these ticks, or None if they do not fit the columns."""
         rows = word["x"]
         if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
             return None
@@ -64,14 +64,16 @@ class Feed:
         return HEAD.pack(self.number, len(rows), t) + self._ring[-1][2]
 
     def age_s(self, number: int) -> float:
-        """Return how old the picture of this number is; 0 of the newest one, infinity of one that never was."""
+        """Return the age [s] of the frame with this number: 0 for the newest, infinity for an unknown one."""
         if number == self.number:
             return 0.0
         return next((self._now() - made_s for n, made_s in self._made_s if n == number), float("inf"))
 
     def history(self, from_s: float = 0.0) -> tuple[bytes, ...]:
-        """Return what the ring holds from a time of the drive on, as the parts of one frame; none where it holds
-        nothing. Their rows are those of the ring: many who wait for them share them."""
+        """Return the rows of the ring from the drive time `from_s` [s] on, as the parts of one frame, () if empty.
+
+        The parts are the byte strings of the ring itself, so that many browsers that wait share them.
+        """
         pieces = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
         if not pieces:
             return ()
@@ -79,13 +81,13 @@ class Feed:
         return (head, *(data for _, _, data in pieces))
 
     def value(self, name: str) -> float:
-        """Return the newest value of a column; NaN without one."""
+        """Return the newest value of a column, or NaN if the column does not exist or is empty."""
         k = self._at.get(name)
         value = None if k is None or k >= len(self._last) else self._last[k]
         return NAN if value is None else float(value)
 
     def mean(self, name: str, within_s: float) -> tuple[float, int]:
-        """Return the mean of a column over the last seconds, and the count of its values."""
+        """Return the mean of a column over the last `within_s` seconds, and the number of its values."""
         k, wide = self._at.get(name), len(self.names)
         if k is None or not self._ring:
             return NAN, 0
@@ -115,7 +117,7 @@ class Feed:
 
 
 def group_of(name: str, commands: list[str]) -> str:
-    """Return the family of a column; of a command its name."""
+    """Return the group of a column: the sensor, the name of the command, or the first part of its name."""
     first, _, rest = name.partition(".")
     if first in ("u", "asked"):
         return commands[int(rest)] if rest.isdecimal() and int(rest) < len(commands) else rest

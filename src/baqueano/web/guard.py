@@ -1,13 +1,13 @@
-"""The guard of the page: it decides who connects, and to what.
+"""Guard the page: decide who may connect, and to what.
 
-    Host     one of the served addresses, with the port, on every request: a name that was rebound is none     (1)
-    Origin   one of the served origins on every upgrade; none: a token decides, to watch alone                 (2)
-    token    128 bits of a role, in the fragment of the address, compared in constant time;
-             FAILURES a minute from an address, then none is looked at                                         (3)
+    Host     must be one of the served addresses, with the port, on every request: a rebound name is refused    (1)
+    Origin   must be one of the served origins on every upgrade; without one, a token gives the right to view   (2)
+    token    128 bits per role, in the fragment of the address, compared in constant time;
+             after FAILURES wrong tokens a minute from an address, its tokens are refused                       (3)
 
-A mission of a browser says what MISSIONS lists, and nothing else.
+A mission that a browser requests may contain only the options that MISSIONS lists.
 
-On loopback nobody needs a token; with `--share` everybody does.
+On loopback a browser does not need a token; with `--share` every browser does.
 """
 
 import hmac
@@ -48,12 +48,12 @@ class Role(IntEnum):
 
     @property
     def word(self) -> str:
-        """Return the role as the protocol writes it."""
+        """Return the name of the role in the protocol."""
         return self.name.lower()
 
 
 class Guard:
-    """The addresses that are served, and a token for each role."""
+    """The served addresses, and one token for each role."""
 
     def __init__(
         self,
@@ -69,15 +69,15 @@ class Guard:
         self._failures: defaultdict[str, deque[float]] = defaultdict(deque)
 
     def knows_host(self, hosts: list[str]) -> bool:
-        """Return True where a request names one host, and it is ours.  (1)"""
+        """Return True if a request names exactly one host, and it is one of the served hosts.  (1)"""
         return len(hosts) == 1 and hosts[0].lower() in self.hosts
 
     def knows_origin(self, origins: list[str]) -> bool:
-        """Return True where an upgrade comes from a page of ours, or from no page at all.  (2)"""
+        """Return True if an upgrade comes from a page of this server, or carries no Origin at all.  (2)"""
         return not origins or (len(origins) == 1 and origins[0].lower() in self._origins)
 
     def role(self, address: str, token: str, from_page: bool) -> Role | None:
-        """Return what a visitor may do; None: nothing. Without an Origin it is to watch.  (2), (3)"""
+        """Return the role of a visitor, or None to refuse it. Without an Origin the role is at most VIEW.  (2), (3)"""
         failures = self._failures[address]
         while failures and self._now() - failures[0] > MINUTE_S:
             failures.popleft()
@@ -87,7 +87,10 @@ class Guard:
         if len(failures) >= FAILURES:
             return None
         candidate, matching = token.encode(), None
-        for role, own_token in self.tokens.items():  # all of them: the time tells nothing
+        for (
+            role,
+            own_token,
+        ) in self.tokens.items():  # all of them, so that the duration does not reveal the match
             if hmac.compare_digest(candidate, own_token.encode()):
                 matching = role
         if matching is None or self._now() - self._begun_s > HOLDS_S:
@@ -102,14 +105,14 @@ class Guard:
 
 
 class Rate:
-    """At most `each_s` words a second, and twice as many at once: what came while this process did not run."""
+    """A limit of `each_s` messages a second. A burst may have twice as many, as after a pause of this process."""
 
     def __init__(self, each_s: float, now: Callable[[], float] = time.monotonic) -> None:
         self._each_s, self._most, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
         self._now, self._last_s = now, now()
 
     def one_more(self) -> bool:
-        """Return True if one more is within the rate."""
+        """Count one more message; return True if it is within the rate."""
         now = self._now()
         self._credit = min(self._most, self._credit + (now - self._last_s) * self._each_s)
         self._last_s = now
@@ -120,7 +123,7 @@ class Rate:
 
 
 def bracketed(address: str) -> str:
-    """Return an address as an URL writes it.
+    """Return an address in the form that a URL needs: IPv6 in brackets.
 
     >>> bracketed("::1"), bracketed("192.168.4.1")
     ('[::1]', '192.168.4.1')
@@ -129,7 +132,10 @@ def bracketed(address: str) -> str:
 
 
 def mission_of(word: "JsonObject") -> "tuple[str, JsonObject]":
-    """Return kind and options of the mission that a browser asks for. UsageError for another."""
+    """Return kind and options of the mission that a browser requests.
+
+    Raise UsageError for an unknown kind or option.
+    """
     kind = str(word["kind"])
     if kind not in MISSIONS:
         raise UsageError(fault("web.no-such-mission", kind=one_line(kind)[:LONGEST], known=[*MISSIONS]))
@@ -138,12 +144,12 @@ def mission_of(word: "JsonObject") -> "tuple[str, JsonObject]":
 
 
 def finite(x: object) -> bool:
-    """Return True for a number that is finite."""
+    """Return True for a finite number."""
     return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
 
 
 def _of_kind(value: object, kind: type) -> object:
-    """Return a value of a mission as what it must be. UsageError where it is something else."""
+    """Return an option of a mission if it has the required type. Raise UsageError otherwise."""
     if kind is float and finite(value):
         return value
     if kind is str and isinstance(value, str) and len(value) <= LONGEST:

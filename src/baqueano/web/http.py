@@ -1,6 +1,6 @@
-"""The little of HTTP/1.1 that the page needs: the head of a request, and answers that end the connection.
+"""Implement the small part of HTTP/1.1 that the page needs: read a request head, and answer and close the connection.
 
-GET and HEAD alone; no path is put together from what a browser says: each one is looked up in a table.
+Only GET and HEAD are accepted. A path of a browser is only looked up in a table, never used to build a file name.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ STANDING = {
 
 
 class RefusedRequest(Exception):
-    """A request that is answered by a status and a word."""
+    """A request that is answered by an HTTP status and its phrase."""
 
     def __init__(self, status: HTTPStatus, **headers: str) -> None:
         super().__init__(status.phrase)
@@ -58,7 +58,7 @@ class Head(NamedTuple):
 
 
 class Content(NamedTuple):
-    """An answer: bytes, or a file that is sent in pieces."""
+    """The body of an answer: bytes, or a file that is sent in segments."""
 
     kind: str
     content: bytes | Path
@@ -68,7 +68,7 @@ class Content(NamedTuple):
 
 
 async def read_head(reader: asyncio.StreamReader) -> bytes:
-    """Return the bytes of a head. RefusedRequest where they are too many; EOFError where it does not end."""
+    """Return the bytes of a head. Raise RefusedRequest if it is too long, EOFError if the connection ends before it."""
     try:
         return await reader.readuntil(b"\r\n\r\n")
     except asyncio.LimitOverrunError:
@@ -78,7 +78,7 @@ async def read_head(reader: asyncio.StreamReader) -> bytes:
 
 
 def head_of(data: bytes) -> Head:
-    """Return the head in these bytes. RefusedRequest for anything else."""
+    """Return the head in these bytes. Raise RefusedRequest if it is malformed or its method is not allowed."""
     lines = data.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
     words = lines[0].split(" ")
     if len(words) != 3 or words[2] not in ("HTTP/1.1", "HTTP/1.0") or len(lines) > HEADERS:
@@ -101,7 +101,7 @@ def head_of(data: bytes) -> Head:
 
 
 def static(folder: Path) -> dict[str, Content]:
-    """Return the files that are served, by path: those of the folder, read once."""
+    """Return the served files by URL path, each read once from the folder."""
     table = {}
     for path in sorted(folder.rglob("*")):
         kind = TYPES.get(path.suffix)
@@ -117,13 +117,13 @@ def static(folder: Path) -> dict[str, Content]:
 
 
 async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
-    """Answer by a status."""
+    """Answer a request by the status of the refusal."""
     kind, text = TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
     await _send(writer, _head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
 
 
 def takes_gzip(head: Head) -> bool:
-    """True for a browser that unpacks gzip."""
+    """Return True if the browser accepts gzip."""
     offers = (offer.strip().lower() for value in head.values("accept-encoding") for offer in value.split(","))
     return any(
         offer == "gzip" or (offer.startswith("gzip;") and not offer.endswith("q=0")) for offer in offers
@@ -131,7 +131,7 @@ def takes_gzip(head: Head) -> bool:
 
 
 async def reply(writer: asyncio.StreamWriter, body: Content, head: Head) -> None:
-    """Answer a request by a body."""
+    """Answer a request with a body, compressed if the browser accepts it; HEAD gets the headers only."""
     head_only, more = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.packed else {}
     if body.packed and takes_gzip(head):
         body, more = body._replace(content=body.packed), more | {"Content-Encoding": "gzip"}

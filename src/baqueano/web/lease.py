@@ -1,10 +1,10 @@
-"""The lease: one browser drives at a time, by explicit hand-over, as long as its beats count.
+"""The lease: one browser drives at a time, by explicit hand-over, while its heartbeats count.
 
-    a beat counts if its number grows and the picture that it names is not older than HOLDS_S + the way there and
-    back, or is the newest there is                                                                             (1)
-    HOLDS_S without a beat that counts      the lease ends                                                      (2)
+  a heartbeat counts if its number grows and the picture that it names is not older than HOLDS_S plus the
+  round-trip time, or is the newest picture                                                                   (1)
+  the lease ends after HOLDS_S without a heartbeat that counts                                                (2)
 
-Nobody makes a beat here: who looks at a frozen picture, or has hidden the page, loses the vehicle.
+The server does not create heartbeats: a visitor with a frozen picture or a hidden page loses the vehicle.
 """
 
 import time
@@ -17,7 +17,7 @@ HOLDS_S = 0.3
 
 
 class Lease:
-    """The holder, any object with a `name`; None where nobody drives."""
+    """The right to drive, and its holder: any object, or None if no visitor drives."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -27,38 +27,38 @@ class Lease:
 
     @property
     def holder(self) -> object:
-        """Return who holds it just now.  (2)"""
+        """Return the present holder, or None.  (2)"""
         if self._holder is not None and self._now() > self._until_s:
             self._holder = None
         return self._holder
 
     @property
     def left_s(self) -> float:
-        """Return how long it holds without another beat."""
+        """Return the time [s] for which the lease lasts without another heartbeat."""
         return max(0.0, self._until_s - self._now()) if self.holder is not None else 0.0
 
-    def take(self, who: object, name: str) -> None:
-        """Hold it from now on. SafetyStop while somebody else does."""
-        if self.holder is not None and self._holder is not who:
+    def take(self, visitor: object, name: str) -> None:
+        """Give the lease to `visitor`. Raise SafetyStop while another visitor holds it."""
+        if self.holder is not None and self._holder is not visitor:
             raise SafetyStop(note("web.lease-taken", Severity.ERROR, name=self._name))
-        self._holder, self._name = who, name
+        self._holder, self._name = visitor, name
         self._n, self._until_s = 0, self._now() + HOLDS_S
 
-    def give(self, who: object, to: object = None, name: str = "") -> None:
-        """Give it to somebody else, or to nobody. SafetyStop by one who does not hold it."""
-        self.check(who)
+    def give(self, visitor: object, to: object = None, name: str = "") -> None:
+        """Pass the lease on to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` does not hold it."""
+        self.check(visitor)
         self._holder = None
         if to is not None:
             self.take(to, name)
 
-    def check(self, who: object) -> None:
-        """SafetyStop by one who does not hold it."""
-        if who is None or self.holder is not who:
+    def check(self, visitor: object) -> None:
+        """Raise SafetyStop if `visitor` does not hold the lease."""
+        if visitor is None or self.holder is not visitor:
             raise SafetyStop(note("web.lease-needed", Severity.ERROR))
 
-    def beat(self, who: object, n: int, age_s: float, way_s: float = 0.0) -> bool:
-        """Return True if this beat counts: of the holder, newer than the last, before a fresh picture.  (1)"""
-        if who is None or self.holder is not who or n <= self._n:
+    def beat(self, visitor: object, n: int, age_s: float, way_s: float = 0.0) -> bool:
+        """Return True if this heartbeat counts: from the holder, with a new number, based on a fresh picture.  (1)"""
+        if visitor is None or self.holder is not visitor or n <= self._n:
             return False
         self._n = n
         if not age_s <= HOLDS_S + way_s:
@@ -66,9 +66,9 @@ class Lease:
         self._until_s = self._now() + HOLDS_S
         return True
 
-    def left(self, who: object) -> bool:
-        """Somebody has gone; return True if it was the holder."""
-        if self._holder is not who:
+    def on_disconnect(self, visitor: object) -> bool:
+        """End the lease if `visitor`, who has disconnected, held it; return True then."""
+        if self._holder is not visitor:
             return False
         self._holder = None
         return True

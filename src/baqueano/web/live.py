@@ -1,6 +1,6 @@
-"""The words of a browser that drives, and those of the vehicle: between the page and a service.
+"""Pass messages between the page and a service: those of a browser that drives, and those of the vehicle.
 
-The page never makes a sign of life: each beat of the holder that counts is handed on as one `hand`.
+The page does not create heartbeats: each heartbeat of the holder that counts is passed on as one `hand`.
 """
 
 import asyncio
@@ -39,7 +39,7 @@ COMMANDS = 8
 
 
 class Live:
-    """A vehicle that is watched by many and driven by one."""
+    """A vehicle that many visitors watch and one drives."""
 
     def __init__(self, link: DoorLink, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
@@ -68,16 +68,16 @@ class Live:
         return {"vehicle": self._vehicle, "blocks": blocks, "fields": self._fields, "route": self._route}
 
     def begin(self) -> None:
-        """Ask for frames and routes."""
+        """Request frames and routes from the service."""
         self._link.say("watch", hz=HZ)
         self._link.say("routes")
 
     def presume(self, vehicle: "JsonObject", routes: "list[JsonObject]") -> None:
-        """Take what is known of a robot before it says anything."""
+        """Store the description of a robot that is known before it sends anything."""
         self._vehicle, self._routes = self._vehicle or vehicle, self._routes or routes
 
     async def run(self) -> None:
-        """Read what the service sends until it ends, then inform every browser."""
+        """Read the messages of the service until it ends, then inform every browser."""
         ticking = asyncio.create_task(self._tell_states())
         try:
             await self._link.hear(self._receive)
@@ -90,7 +90,7 @@ class Live:
     # from the browser
 
     def hello(self, visitor: Visitor) -> "JsonObject":
-        """Return what hello says of the vehicle."""
+        """Return the part of `hello` that describes the vehicle."""
         with within(visitor.language):
             state = self._description()
         about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
@@ -102,7 +102,7 @@ class Live:
         }  # fmt: skip
 
     def joined(self, visitor: Visitor) -> None:
-        """Send what has happened so far: the last 60 s, and events."""
+        """Send a new visitor the events, the ledger, and the last 60 s of the drive."""
         for t_s, message in self._events:
             self._say_event(visitor, t_s, message)
         if self._ledger:
@@ -110,8 +110,7 @@ class Live:
         visitor.send_all(self._history(0.0))
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Do a word. An error of ours is answered by `no`. A word for another vehicle is ignored, but a stop always
-        counts."""
+        """Carry out a message of a browser. Raise UsageError for one to another vehicle, unless it is a stop."""
         if word.get("robot", self.robot) != self.robot and word["is"] != "stop":
             raise UsageError(fault("web.other-robot"))
         word = {name: value for name, value in word.items() if name != "robot"}
@@ -127,25 +126,24 @@ class Live:
             raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:LONGEST]))
         return do(visitor, word)
 
-    def left(self, visitor: Visitor) -> None:
-        """A browser has gone. The holder's silence stops the vehicle by itself."""
-        self.lease.left(visitor)
+    def on_disconnect(self, visitor: Visitor) -> None:
+        """End the lease if the browser that has disconnected held it. The vehicle stops because its heartbeats end."""
+        self.lease.on_disconnect(visitor)
 
     def may_change(self, visitor: Visitor) -> None:
-        """Refuse who may not change what the next mission does: the holder may, or anyone who may drive while nobody
-        does."""
+        """Raise SafetyStop unless the visitor is the holder, or the lease is free and the role is DRIVE."""
         self._needs(visitor, Role.DRIVE)
         if self.lease.holder is not None:
             self.lease.check(visitor)
 
     def swapped(self, room: str, kind: str, blocks: dict[str, str]) -> None:
-        """Take a block of this kind in a room from the next mission on, and tell everybody."""
+        """Announce to all browsers that a block of this kind takes a room from the next mission on."""
         self._blocks = dict(blocks)
         self._on_event({"said": note("web.swapped", room=room, kind=kind)})
         self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Stop, by anyone who may, without the lease, at once."""
+        """Stop at once, for each visitor with the role STOP, without the lease."""
         self._needs(visitor, Role.STOP)
         self._link.say("stop", why=stop(StopReason.STOPPED_BY, words=visitor.name))
 
@@ -163,7 +161,7 @@ class Live:
         self._say_lease()
 
     def _give(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Give the lease away, to a visitor of this name who may drive."""
+        """Pass the lease on to a visitor of this name with the role DRIVE, or end it if no name is given."""
         to = None
         if word.get("to"):
             guests = [g for g in self._visitors() if g.name == word["to"] and g.role == Role.DRIVE]
@@ -178,7 +176,7 @@ class Live:
         self._ask(visitor, kind=kind, **order)
 
     async def _whole_mission(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Ask a robot, which knows no names, for a mission that is packed here."""
+        """Pack a mission here and send it to a robot, which cannot resolve the names of local files."""
         kind, order = self._check_order(visitor, word)
         assert self.pack is not None
         if kind == "teach":
@@ -192,7 +190,7 @@ class Live:
         self._link.say("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **fields)
 
     def _check_order(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
-        """Return kind and options of a mission that the holder asks for."""
+        """Return kind and options of a mission. Raise SafetyStop if the visitor is not the holder."""
         self.lease.check(visitor)
         kind, order = mission_of(word)
         return kind, order | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
@@ -206,18 +204,18 @@ class Live:
         self._link.say(word["is"], **more)
 
     def _clear(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Take a stop away: a person who may drive, and nobody else drives."""
+        """Clear a stop, for the holder, or for a visitor with the role DRIVE while no visitor drives."""
         self.may_change(visitor)
         self._link.say("clear")
 
     def _set(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Hand on a gain, a fault of a simulated vehicle, or that it drives again without one."""
+        """Pass on a gain, a fault of a simulated vehicle, or a request to drive again without a fault."""
         self.lease.check(visitor)
         self._last_sender = visitor
         self._link.say(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
 
     def _pace(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Hand on the pace: of the holder, or of one who may drive while nobody does."""
+        """Pass on the pace, from the holder, or from a visitor with the role DRIVE while no visitor drives."""
         self.may_change(visitor)
         self._last_sender = visitor
         self._link.say("pace", factor=float(word["factor"]))
@@ -275,14 +273,14 @@ class Live:
             self._say_event(visitor, *self._events[-1])
 
     def _set_gain(self, message: Diagnostic) -> None:
-        """Keep the gain that is in force now, and tell everybody."""
+        """Store the gain that is now in force, and send it to all browsers."""
         with suppress(KeyError, TypeError, ValueError):
             now = {message.figures["path"]: float(message.figures["now"])}
             self._vehicle |= {"gains": self._vehicle.get("gains", {}) | now}
             self._tell_blocks()
 
     def _on_no(self, word: "JsonObject") -> None:
-        """Tell a refusal of the service to who asked."""
+        """Send a refusal of the service to the visitor who made the request, or to all if that visitor has left."""
         about = word.get("about")
         for visitor in [self._last_sender] if self._last_sender in set(self._all()) else self._all():
             if visitor is not None:
@@ -320,7 +318,7 @@ class Live:
         self._tell({"is": "routes", "routes": self._routes})
 
     def _on_ledger(self, word: "JsonObject") -> None:
-        """Faults of a simulated drive, and who noticed them (sentence.py)."""
+        """Store the faults of a simulated drive and the checks that noticed them, and send them (sentence.py)."""
         self._ledger = [row for row in word["rows"] if isinstance(row, dict)]
         for visitor in self._all():
             self._say_ledger(visitor)
@@ -330,7 +328,7 @@ class Live:
             visitor.say({"is": "ledger", "rows": ledger_rows(self._ledger)})
 
     def _on_done(self, word: "JsonObject") -> None:
-        """A mission is over: say why, and what there is now."""
+        """Report the end of a mission and its reason, and request the routes again."""
         if word["why"] is not None:
             self._on_event({"said": word["why"]})
         with suppress(BaqueanoError):
@@ -339,7 +337,7 @@ class Live:
         self.on_done()
 
     def _on_over(self, word: "JsonObject") -> None:
-        """The last drive is over."""
+        """Report that the last drive has ended."""
         self._state = {"is": "state", "state": "OVER", "why": word["why"]}
         self._say_state()
         self.over.set()
@@ -350,7 +348,7 @@ class Live:
         return [visitor for visitor in self._visitors() if visitor.role is not None]
 
     def _tell_blocks(self) -> None:
-        """Tell who sits in which room, the gains, and what the next mission takes in place of the file's."""
+        """Send all browsers the block of each room, the gains, and the blocks swapped for the next mission."""
         about = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
         self._tell({"is": "blocks", **about, "swapped": self._blocks})
 
@@ -359,7 +357,7 @@ class Live:
             visitor.say(word)
 
     async def _tell_states(self) -> None:
-        """Tell the state and the lease when they change; the state of a drive each STATE_S."""
+        """Send the state and the lease when they change, and during a drive the state every STATE_S."""
         while True:
             await asyncio.sleep(STATE_S / 2)
             if self._last_lease != (self.lease.holder, len(self._all())):

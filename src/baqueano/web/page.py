@@ -1,6 +1,6 @@
-"""The words of a browser that every page has: hello, and runs that are opened. Words that drive go on to live.py.
+"""Handle the messages of a browser that every page has: hello, and runs to open. Messages that drive go to live.py.
 
-Text is made here, in the language of each browser; nothing of a browser is a path or a name of a file.
+All text is made here, in the language of each browser. Text from a browser is never used as a path or a file name.
 """
 
 import asyncio
@@ -47,32 +47,32 @@ class VehicleSide(Protocol):
     """The part of a page that drives a vehicle."""
 
     def hello(self, visitor: Visitor) -> "JsonObject":
-        """Return what hello says of the vehicle."""
+        """Return the part of `hello` that describes the vehicle."""
         ...
 
     def joined(self, visitor: Visitor) -> None:
-        """A browser has had its hello."""
+        """Send a browser that has received its `hello` what has happened so far."""
         ...
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Do a word. An error of ours is answered by `no`."""
+        """Carry out a message. The caller answers a BaqueanoError by `no`."""
         ...
 
-    def left(self, visitor: Visitor) -> None:
-        """A browser has gone."""
+    def on_disconnect(self, visitor: Visitor) -> None:
+        """Release what belongs to a browser that has disconnected."""
         ...
 
     def may_change(self, visitor: Visitor) -> None:
-        """Refuse who may not change what the next mission does."""
+        """Raise SafetyStop if a visitor may not change the next mission."""
         ...
 
     def swapped(self, room: str, kind: str, blocks: dict[str, str]) -> None:
-        """A block of this kind takes a room from the next mission on; `blocks` are all that do."""
+        """Announce that a block of this kind takes a room from the next mission on; `blocks` lists all swapped ones."""
         ...
 
 
 class BrowserPage:
-    """The visitors of a page, with a vehicle (`live`) or with the recorded runs `opened`: one, and a ghost."""
+    """The visitors of a page, with a vehicle (`live`) or with the recorded runs `opened`: one run, and a ghost."""
 
     def __init__(
         self, lab: Lab, shelf: Shelf, guard: Callable[[], Guard], opened: tuple[Path, ...] = (),
@@ -87,7 +87,7 @@ class BrowserPage:
         self._reading: set[asyncio.Task[None]] = set()
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Do a word of a browser; the next one does not wait for a slow one: it may be a stop."""
+        """Carry out a message of a browser. A slow one runs as a task, as the next message may be a stop."""
         if word["is"] in SLOW:
             self._later(self._do(visitor, word))
         else:
@@ -113,7 +113,7 @@ class BrowserPage:
             self.refuse(visitor, word, fault("web.not-understood", error=type(error).__name__))
 
     def refuse(self, visitor: Visitor, word: "JsonObject", reason: Diagnostic) -> None:
-        """Answer a word by `no`; who is not let in goes."""
+        """Answer a message by `no`, and disconnect a visitor that has not been admitted."""
         with within(visitor.language):
             visitor.say(
                 {"is": "no", "why": text(reason), "code": str(reason.code), "to": word["is"][:LONGEST_NAME]}
@@ -122,14 +122,14 @@ class BrowserPage:
             visitor.end(POLICY)
 
     async def close(self) -> None:
-        """End what computes for the page."""
+        """End the workers of the page."""
         await self._identifying.close()
         await self.questions.close()
 
-    def left(self, visitor: Visitor) -> None:
-        """A browser has gone."""
+    def on_disconnect(self, visitor: Visitor) -> None:
+        """Release what belongs to a browser that has disconnected."""
         if self.live is not None and visitor.role is not None:
-            self.live.left(visitor)
+            self.live.on_disconnect(visitor)
 
     async def _hello(self, visitor: Visitor, word: "JsonObject") -> None:
         if visitor.role is not None:
@@ -151,7 +151,7 @@ class BrowserPage:
         self._later(self._list(visitor))
 
     def say_hello(self, visitor: Visitor, about: "JsonObject") -> None:
-        """Say what this page shows."""
+        """Send the description of this page."""
         hello = {
             "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
@@ -161,12 +161,12 @@ class BrowserPage:
         visitor.say(hello | {"fields": labelled(hello["fields"], visitor.language)})
 
     def list_to(self, visitors: Iterable[Visitor]) -> None:
-        """Send the list of runs, which has changed, to all of these."""
+        """Send the changed list of runs to these visitors."""
         for visitor in visitors:
             self._later(self._list(visitor))
 
     def _first_runs(self) -> "JsonObject | None":
-        """Return the runs that the page was started with, by word."""
+        """Return the keys of the runs that the page was started with, or None without runs."""
         words = [self._shelf.word(path) for path in self._start_paths]
         return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
 
@@ -177,7 +177,7 @@ class BrowserPage:
         return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
 
     async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Answer a question; "ping" measures the way here and back, "identify" is what a run has taught."""
+        """Answer a question: "ping" measures the round-trip time, "identify" returns the identification of a run."""
         reply: JsonObject = {}
         if word["what"] == "identify":
             path = self._shelf.paths().get(word["run"])
@@ -190,7 +190,7 @@ class BrowserPage:
         visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Let another block take a room from the next mission on."""
+        """Use another block in a room from the next mission on."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="swap"))
         self.live.may_change(visitor)
@@ -198,7 +198,7 @@ class BrowserPage:
         self.live.swapped(str(word["room"]), kind, self.questions.blocks)
 
     async def _write(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Write gains into the vehicle file: who may change what the next mission does may."""
+        """Write gains into the vehicle file, for a visitor who may change the next mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="write"))
         self.live.may_change(visitor)
@@ -207,7 +207,7 @@ class BrowserPage:
             visitor.say({"is": "event", "t": 0.0, "severity": "warning", "text": text(message)})
 
     async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Send the run of a word of the list, and its ghost."""
+        """Send the run with this key, and its ghost: a second run, or its own ticks through the estimator `filter`."""
         paths, through = self._shelf.paths(), str(word.get("filter") or "")[:LONGEST_FILTER]
         selection: list[tuple[Path, str]] = []
         for word_of_run in filter(None, (word["run"], word["run"] if through else word.get("ghost"))):
@@ -220,7 +220,7 @@ class BrowserPage:
         self._later(self._list(visitor))
 
     async def _list(self, visitor: Visitor) -> None:
-        """Send the list of runs once it is read."""
+        """Send the list of runs once it has been read."""
         try:
             visitor.say({"is": "runs", "runs": await self._shelf.read()})
         except BaqueanoError as error:
@@ -229,8 +229,7 @@ class BrowserPage:
     async def _pieces(
         self, visitor: Visitor, paths: list[tuple[Path, str]]
     ) -> "AsyncIterator[bytes | JsonObject]":
-        """Yield what there is to say of each run, and its frames; of one with the name of a filter, its ticks through
-        that."""
+        """Yield the description of each run, and its frames; with the name of an estimator, the replayed run."""
         for stream, (path, through) in enumerate(paths, 1):
             lab, which = (
                 (self.questions.slow if through else self._lab),
@@ -256,7 +255,7 @@ class BrowserPage:
                     }
 
     def _about(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
-        """Return what there is to say of a run, in the language of a visitor."""
+        """Return the description of a run, in the language of a visitor."""
         whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with within(visitor.language):
             figures = {name: about[name] for name in ("name", "kind", "seconds")}

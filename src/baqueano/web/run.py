@@ -1,4 +1,4 @@
-"""The page process from its begin to its end: it listens, prints where, and ends with Ctrl-C."""
+"""Run the page process from start to end: it listens, prints its address, and ends with Ctrl-C."""
 
 import asyncio
 import signal
@@ -30,7 +30,7 @@ COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # of browsers
 
 @dataclass(frozen=True, slots=True)
 class PageOptions:
-    """The way in which a page is served."""
+    """The options of serving a page."""
 
     folder: Path  # of the runs
     port: int = 0
@@ -43,8 +43,10 @@ class PageOptions:
 async def show_runs(
     names: tuple[str, ...], how: PageOptions, say: Callable[[Diagnostic | str], object], lasting: bool = True
 ) -> None:
-    """Serve recorded runs, the second a ghost of the first, until the process is told to end; where that is not to be
-    `lasting`, until the last browser has gone, too."""
+    """Serve recorded runs, the second as a ghost of the first, until a signal ends the process.
+
+    If it is not `lasting`, it ends also when the last browser has disconnected.
+    """
     lab = Lab()
     try:
         reply, _ = await lab.ask("find", names=names, folder=str(how.folder))
@@ -55,7 +57,7 @@ async def show_runs(
         try:
             async with server:
                 announce(server, how, say)
-                await (ended() if lasting else _first(ended(), _until_empty(server)))
+                await (interrupted() if lasting else _first(interrupted(), _until_empty(server)))
         finally:
             await page.close()
             await shelf.close()
@@ -72,9 +74,13 @@ async def show_vehicle(
     meet: Callable[[Callable[[], int]], object] = lambda viewers: None,
     vehicle: str = "",
 ) -> None:
-    """Serve a vehicle until the process is told to end, or its service ends; the latter is an error of one that should
-    be `lasting`. Of a `robot` its file here, and the folder of routes. `vehicle` is the file that is identified.
-    `meet` gets what counts the browsers."""
+    """Serve a vehicle until a signal ends the process, or the service of the vehicle ends.
+
+    Raise RobotUnreachable if the service ends before it describes the vehicle, or ends although it should be
+    `lasting`. `robot` gives the local vehicle file and the folder of routes. `vehicle` is the file whose parameters
+    are identified.
+    `meet` receives a function that returns the number of connected browsers.
+    """
     lab, shelf = Lab(), Shelf(how.folder)
     link = await start()
     live = Live(link, lambda: server.visitors)
@@ -93,13 +99,15 @@ async def show_vehicle(
     description, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
-        greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive
+        greeting_s = (
+            GREETING_S if robot is None else QUIET_S
+        )  # a robot describes itself only with its first drive
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
             announce(server, how, say)
-            ending = asyncio.create_task(ended())
+            ending = asyncio.create_task(interrupted())
             await asyncio.wait({ending, hearing, over}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
                 await server.say_goodbye()
@@ -116,14 +124,14 @@ async def show_vehicle(
 
 
 def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
-    """Return what questions about the vehicle are about: its file, or the run that holds it, and the stored routes."""
+    """Return the subject of questions about the vehicle: its file, or a run with that file; and its routes."""
     if not vehicle:
         return None
     return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
 
 
 async def _presume(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
-    """Say what a robot is by its vehicle file here, and pack its missions here."""
+    """Describe a robot from its local vehicle file, and pack its missions here."""
 
     async def pack(kind: str, order: "JsonObject") -> str:
         reply, _ = await lab.ask("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=order)
@@ -137,7 +145,9 @@ async def _presume(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
 def _server(page: BrowserPage, shelf: Shelf, options: PageOptions) -> Server:
     shared_at = (options.address or own_address()) if options.share else ""
     names = own_names() if options.share else ()
-    return Server(page.receive, page.left, shelf.body, port=options.port, shared_at=shared_at, names=names)
+    return Server(
+        page.receive, page.on_disconnect, shelf.body, port=options.port, shared_at=shared_at, names=names
+    )
 
 
 def announce(server: Server, how: PageOptions, say: Callable[[Diagnostic | str], object]) -> None:
@@ -160,13 +170,13 @@ def announce(server: Server, how: PageOptions, say: Callable[[Diagnostic | str],
 
 
 def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:
-    """Return the address for programs of Foxglove's protocol; one of a browser needs the token."""
+    """Return the address for programs that use Foxglove's protocol, with the token that a browser needs."""
     host = bracketed(server.shared_at or LOOPBACK)
     return f"ws://{host}:{server.port}/foxglove/{tokens[Role.VIEW]}"
 
 
 async def _first(*jobs: Coroutine[None, None, None]) -> None:
-    """Wait for the first of several; the others are given up."""
+    """Wait until the first of several jobs has finished, and cancel the others."""
     tasks = [asyncio.create_task(job) for job in jobs]
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in tasks:
@@ -175,7 +185,7 @@ async def _first(*jobs: Coroutine[None, None, None]) -> None:
 
 
 async def _until_empty(server: Server) -> None:
-    """Wait until browsers have come and gone; COMES_S for the first, GONE_S for one that loads again."""
+    """Wait until all browsers have left: COMES_S for the first one, GONE_S for one that reloads."""
     empty_s, had_visitors = time.monotonic(), False
     while True:
         await asyncio.sleep(LOOK_S)
@@ -185,7 +195,7 @@ async def _until_empty(server: Server) -> None:
             return
 
 
-async def ended() -> None:
+async def interrupted() -> None:
     """Wait for Ctrl-C, or the end of the terminal or of the system."""
     end_event, loop = asyncio.Event(), asyncio.get_running_loop()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):

@@ -1,12 +1,12 @@
-"""The state of a vehicle in words: what it does, how well, and what is odd, in the language of a reader; and its
-ledger, faults and who noticed them."""
+"""Describe the state of a vehicle in sentences, in the language of the reader: its activity, its accuracy, and what is
+unusual. Describe its ledger too: the faults, and the checks that noticed them."""
 
 import math
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.messages import ended, text
+from baqueano.messages import text, with_full_stop
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -29,7 +29,7 @@ HALF_BAND = 1.96 * math.sqrt(2.0)  # of the mean of N squared normals, times √
 def described(
     state: "JsonObject", feed: "Feed", route: "JsonObject | None", odd: list[Diagnostic]
 ) -> "JsonObject":
-    """Return the word `state` for a browser, in the current language."""
+    """Return the message `state` for a browser, in the current language."""
     kind, name = state.get("mission"), state["state"]
     is_driving = kind is not None and name in ("MISSION", "MANUAL")
     lap, laps = _lap(feed, route), state.get("laps")
@@ -42,7 +42,7 @@ def described(
         "is": "state", "state": name, "mission": {"kind": kind, **route_field} if is_driving else None,
         "lap": lap if is_driving else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
         "paused": bool(state.get("paused")), "pace": state.get("pace"), "title": text(note(title)),
-        "sentence": " ".join(ended(text(part)) for part in parts), "severity": str(grave),
+        "sentence": " ".join(with_full_stop(text(part)) for part in parts), "severity": str(grave),
         "odd": [text(message) for message in odd], "battery_v": state.get("battery_v"), "scene": state.get("scene"),
     }  # fmt: skip
 
@@ -59,7 +59,7 @@ def _standing(state: "JsonObject") -> Diagnostic:
 
 
 def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
-    """Return what it does, and how well."""
+    """Return the sentences on the activity of the vehicle and on its accuracy."""
     parts: list[Diagnostic] = []
     if state.get("mission") == "repeat" and lap is not None:
         parts.append(note("web.lap-of", lap=lap, laps=laps) if laps else note("web.lap", lap=lap))
@@ -77,7 +77,7 @@ def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -
 
 
 def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
-    """Return the number of the lap by the way along the route."""
+    """Return the number of the lap, from the progress along the route; None without a route length or a progress."""
     length_m, progress = (route or {}).get("length_m") or 0.0, feed.value("progress")
     if not (length_m > 0.0 and math.isfinite(progress)):
         return None

@@ -1,6 +1,6 @@
-"""The server: static files from a table made at start, runs and reports by their word, and one WebSocket.
+"""Serve static files from a table made at start, runs and reports by their key, and one WebSocket.
 
-It listens on loopback; on one more address where it is shared. Nothing changes its state by HTTP.
+The server listens on loopback, and on one more address if it is shared. HTTP requests do not change any state.
 """
 
 import asyncio
@@ -43,7 +43,7 @@ LOOPBACK = "127.0.0.1"
 
 
 class Server:
-    """Listens while it is entered: `async with Server(…) as server`."""
+    """A server that listens while it is entered: `async with Server(…) as server`."""
 
     def __init__(
         self,
@@ -66,7 +66,7 @@ class Server:
         self.guard = Guard((), 0)
 
     async def __aenter__(self) -> "Server":
-        """Listen. UsageError where the port is taken."""
+        """Begin to listen. Raise UsageError if the port is taken."""
         for address in self._addresses:
             try:
                 server = await asyncio.start_server(
@@ -85,7 +85,7 @@ class Server:
         return self
 
     async def __aexit__(self, *error: object) -> None:
-        """Let everybody go."""
+        """Disconnect all browsers and stop listening."""
         for visitor in [*self.visitors, *self.onlookers]:
             visitor.leave(1001)
         await self._close()
@@ -95,7 +95,7 @@ class Server:
         await asyncio.gather(*filter(None, self._talks), return_exceptions=True)
 
     async def say_goodbye(self) -> None:
-        """Let everybody go who has had all words: nothing more will come, and nobody is to come back."""
+        """Disconnect each browser once all its messages are sent, with a code after which it does not connect again."""
         for visitor in list(self.visitors):
             visitor.end(DONE)
         with suppress(TimeoutError):
@@ -165,7 +165,7 @@ class Server:
     async def _look(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
     ) -> None:
-        """Let a program of Foxglove's protocol look: with a token in its address, or on this machine, by no page."""
+        """Admit a program that uses Foxglove's protocol: with a token in its address, or from this machine."""
         address, foxglove = writer.get_extra_info("peername")[0], self.foxglove
         assert foxglove is not None
         token = head.path.removeprefix("/foxglove").removeprefix("/")
@@ -185,10 +185,10 @@ class Server:
             await line.talk(foxglove.receive)
         finally:
             self.onlookers.discard(line)
-            foxglove.left(line)
+            foxglove.on_disconnect(line)
 
     def _protocol(self, head: Head, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
-        """Return the protocol of a connection that is let in, with its answer ready to be sent."""
+        """Return the protocol of an admitted connection, with its answer ready to be sent."""
         if head.method != "GET" or not head.values("upgrade"):
             raise RefusedRequest(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
         if len(self.visitors) + len(self.onlookers) >= VISITORS:
@@ -203,6 +203,6 @@ class Server:
         return protocol
 
     def _check_greeting(self, visitor: Visitor) -> None:
-        """Let a visitor go who has not said hello."""
+        """Disconnect a visitor that has not sent `hello`."""
         if not visitor.spoke:
             visitor.leave(POLICY)

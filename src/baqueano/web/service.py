@@ -1,7 +1,7 @@
-"""The vehicle's service, as the page process speaks to it: lines of JSON over pipes, or over a socket.
+"""Connect the page process to the service of a vehicle: lines of JSON over pipes, or over a socket.
 
 a simulated vehicle   a child of this process (door/simulated), which ends with its pipes
-HOST                  ssh HOST baqueano robot attach: nothing listens on the robot
+HOST                  ssh HOST baqueano robot attach: the robot does not listen on the network
 a path, or here       the socket of a service on this machine
 """
 
@@ -32,23 +32,23 @@ UNSENT = 256 << 10  # bytes that wait for a service that does not read
 
 
 class DoorLink(Protocol):
-    """A partner that is spoken to in the words of the door."""
+    """A partner that exchanges the messages of the door."""
 
     def say(self, do: str, **words: object) -> None:
-        """Send a word; never waits. RobotUnreachable where nobody takes it."""
+        """Send a message without waiting. Raise RobotUnreachable if the partner does not accept it."""
         ...
 
     async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
-        """Hand on each word until it ends."""
+        """Pass each received message to `on_word` until the connection ends."""
         ...
 
     async def close(self) -> None:
-        """End it."""
+        """End the connection."""
         ...
 
 
 class Link:
-    """A service at the other end of a line."""
+    """A connection to a service."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter,
@@ -57,14 +57,14 @@ class Link:
         self._reader, self._writer, self._program = reader, writer, program
 
     def say(self, do: str, **words: object) -> None:
-        """Send a word; never waits. RobotUnreachable where the service has gone, or does not read."""
+        """Send a message without waiting. Raise RobotUnreachable if the service has ended or does not read."""
         transport = self._writer.transport
         if transport.is_closing() or transport.get_write_buffer_size() > UNSENT:
             raise RobotUnreachable(fault("web.service-gone"))
         self._writer.write(wire.encoded({"do": do, **words}))
 
     async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
-        """Hand on each word until the service ends."""
+        """Pass each received message to `on_word` until the service ends."""
         with suppress(OSError, ValueError):
             while line := await self._reader.readline():
                 word = json.loads(line) if line.startswith(FRAME) else wire.decoded(line)
@@ -72,7 +72,7 @@ class Link:
                     on_word(word)
 
     async def close(self) -> None:
-        """End the connection; a simulated vehicle is stopped by that and closes its run."""
+        """End the connection; a simulated vehicle then stops and closes its run."""
         with suppress(OSError):
             self._writer.close()
         if self._program is None:
@@ -86,21 +86,21 @@ class Link:
 
 
 async def simulated(vehicle: str, folder: Path, *more: str) -> Link:
-    """Start the service of a simulated vehicle."""
+    """Start the service of a simulated vehicle, and return the link to it."""
     return await _start(
         [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *more]
     )
 
 
 async def on_pipes(coming: BinaryIO, going: BinaryIO) -> Link:
-    """Speak over these pipes, as to the process that started this one."""
+    """Return a link to the process that started this one, over these pipes."""
     near_end, far_end = socket.socketpair()
     threading.Thread(target=join, args=(far_end, coming, going), name="pipes", daemon=True).start()
     return Link(*await asyncio.open_connection(sock=near_end, limit=LONGEST))
 
 
 async def reached(host: str) -> Link:
-    """Connect to the service at HOST. RobotUnreachable without one."""
+    """Return a link to the service at HOST. Raise RobotUnreachable if it cannot be reached."""
     if host == "here" or ("/" in host and not host.startswith("-")):
         path = SOCKET if host == "here" else Path(host)
         try:
@@ -109,11 +109,11 @@ async def reached(host: str) -> Link:
             raise RobotUnreachable(
                 fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
             ) from error
-    return await _start(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # nobody types a password into a page
+    return await _start(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # a page cannot ask for a password
 
 
 async def _start(command: list[str]) -> Link:
-    """Return the link to a program that speaks over its pipes; what it says to people stays on stderr."""
+    """Return a link to a program that communicates over its pipes; its messages for people stay on stderr."""
     try:
         program = await asyncio.create_subprocess_exec(
             *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LONGEST,

@@ -1,4 +1,4 @@
-"""The address of a page: for the browser of this machine, and with `--share` for a network, as a QR code too."""
+"""Find the address of a page: for the browser of this machine, and with `--share` for a network, also as a QR code."""
 
 import os
 import socket
@@ -14,7 +14,7 @@ ANYWHERE = "192.0.2.1"  # of documentation: nothing is sent there, the system on
 
 
 def own_address() -> str:
-    """Return the address of this machine in its network. UsageError without one."""
+    """Return the address of this machine in its network. Raise UsageError without one."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((ANYWHERE, 9))
@@ -27,18 +27,18 @@ def own_address() -> str:
 
 
 def own_names() -> tuple[str, ...]:
-    """Return the name by which others of the network may look for this machine."""
+    """Return the names by which other machines of the network may find this one, () without a host name."""
     name = socket.gethostname().partition(".")[0]
     return (f"{name}.local",) if name else ()
 
 
 def url(address: str, port: int, tokens: dict[Role, str], role: Role | None = None) -> str:
-    """Return an address, with the token of a role behind #, which no browser sends."""
+    """Return the URL of the page, with the token of a role after #, which browsers do not send to the server."""
     return f"http://{bracketed(address)}:{port}/" + (f"#token={tokens[role]}" if role else "")
 
 
 def qr_code(address: str) -> str:
-    """Return a QR code in the letters of a terminal."""
+    """Return a QR code in characters of a terminal."""
     import io
 
     import segno
@@ -49,7 +49,7 @@ def qr_code(address: str) -> str:
 
 
 def display() -> bool:
-    """Return True where a browser can open a tab: a screen, and nobody's CI."""
+    """Return True if a browser can open a tab: there is a display, and the process does not run in CI."""
     if os.environ.get("CI"):
         return False
     return sys.platform in ("darwin", "win32") or bool(
@@ -58,7 +58,7 @@ def display() -> bool:
 
 
 def open_tab(address: str) -> bool:
-    """Open a tab where there is a display; return False without one."""
+    """Open a tab if there is a display; return False otherwise."""
     if not display():
         return False
     with suppress(webbrowser.Error, OSError):

@@ -1,10 +1,10 @@
-"""A browser: its words, and what waits for it.
+"""A browser: its messages, and the queues of what is to be sent to it.
 
-    words     a queue of WORDS, none is dropped: one that fills it has stopped reading, and is let go             (1)
-    pieces    of a history or a run, made one at a time, when the one before has gone                             (2)
-    picture   one place: the newest frame takes the place of one that has not gone                                (3)
+  words     a queue of WORDS messages, none dropped; a browser that lets it fill up is disconnected             (1)
+  pieces    of a history or a run, each made only when the previous one has been sent                           (2)
+  picture   one place: the newest frame replaces one that has not been sent                                     (3)
 
-The bytes are those of `websockets`' protocol without I/O; the socket's buffer is small, so that a picture is fresh.
+The bytes follow the I/O-free protocol of `websockets`. The socket's buffer is small, so that a picture is recent.
 """
 
 import asyncio
@@ -44,7 +44,7 @@ POLICY, UNSUPPORTED, TOO_SLOW = 1008, 1003, 1013
 
 
 class Visitor:
-    """A connection that was let in; `role` is None until its first word. `kind` is the field that names a word."""
+    """An admitted connection. `role` is None until its first message; `kind` is the field that names a message."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, protocol: ServerProtocol, address: str,
@@ -72,11 +72,11 @@ class Visitor:
 
     @property
     def open(self) -> bool:
-        """Return True while words can be sent."""
+        """Return True while messages can be sent."""
         return self._protocol.state is State.OPEN and not self._writer.is_closing()
 
     def say(self, word: "JsonObject") -> None:
-        """Put a word into the queue.  (1)"""
+        """Put a message into the queue; disconnect a browser whose queue is full.  (1)"""
         if len(self._words) >= WORDS:
             self.leave(TOO_SLOW)
             return
@@ -84,7 +84,7 @@ class Visitor:
         self._waiting.set()
 
     def show(self, picture: bytes) -> None:
-        """Send a picture, `packed` once for all, at once if nothing waits, else in the place of the last one.  (3)"""
+        """Send a picture (see `packed`) at once if the queues are empty; otherwise replace the waiting one.  (3)"""
         waits = self._words or self._picture or self._pieces is not None or self._ending is not None
         if self.open and not waits and not self._writer.transport.get_write_buffer_size():
             self._writer.write(picture)
@@ -93,12 +93,12 @@ class Visitor:
         self._waiting.set()
 
     def send_all(self, pieces: "AsyncIterator[Piece]") -> None:
-        """Send pieces one by one, in place of those that have not gone.  (2)"""
+        """Send pieces one by one, in place of those that have not been sent.  (2)"""
         self._pieces = pieces
         self._waiting.set()
 
     def leave(self, code: int = 1000) -> None:
-        """Close the connection; what has not gone is dropped."""
+        """Close the connection and drop what has not been sent."""
         if self._protocol.state is State.OPEN:
             self._protocol.send_close(code)
             self._flush()
@@ -109,12 +109,12 @@ class Visitor:
         self._waiting.set()
 
     def end(self, code: int) -> None:
-        """Close the connection when the words that wait have gone."""
+        """Close the connection once the waiting messages have been sent."""
         self._ending = code
         self._waiting.set()
 
     async def talk(self, on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
-        """Hand each word to `on_word` until the connection ends."""
+        """Pass each message to `on_word` until the connection ends."""
         tasks = [asyncio.create_task(job) for job in (self._send_words(), self._keep_alive())]
         try:
             await self._hear(on_word)
@@ -141,7 +141,7 @@ class Visitor:
                     await asyncio.sleep(0)  # what it is answered goes before the next word is read
 
     def _words_in(self, frame: object) -> "list[JsonObject]":
-        """Return the word that this frame completes. Anything else, or too many of them, ends the connection."""
+        """Return the message that this frame completes. End the connection if it is malformed or exceeds the rate."""
         opcode, data, last = (
             getattr(frame, "opcode", None),
             getattr(frame, "data", b""),
@@ -178,7 +178,10 @@ class Visitor:
                     pass
 
     async def _send_next(self) -> bool:
-        """Send what is first; False where nothing waits. A word goes before a picture, a picture before a piece."""
+        """Send the first waiting item: messages before a picture, a picture before a piece.
+
+        Return False if none waits.
+        """
         if self._words:
             await self._write(self._words.popleft())
         elif self._ending is not None:
@@ -211,8 +214,10 @@ class Visitor:
         await self._drain()
 
     async def _write_parts(self, parts: deque[bytes]) -> None:
-        """Send one message in fragments, the next when the kernel has the one before: the memory
-        holds a long message once, however many do not read it."""
+        """Send one message in fragments, each once the kernel has taken the previous one.
+
+        A long message thus is in memory only once, even if several browsers do not read it.
+        """
         send = self._protocol.send_binary
         while parts and self.open:
             data = bytearray()
@@ -224,12 +229,12 @@ class Visitor:
             await self._drain()
 
     async def _drain(self) -> None:
-        """Wait until the kernel has it."""
+        """Wait until the kernel has taken the bytes."""
         if not self._writer.is_closing():
             await self._writer.drain()
 
     def _flush(self) -> None:
-        """Hand to the socket what the protocol has to say; who asks and does not read is let go."""
+        """Write the bytes of the protocol to the socket; abort the connection of a browser that does not read."""
         for data in self._protocol.data_to_send():
             if data and not self._writer.is_closing():
                 self._writer.write(data)
@@ -250,7 +255,7 @@ class Visitor:
 
 
 def packed(data: bytes) -> bytes:
-    """Return a binary message as it travels to a browser (RFC 6455, 5.2): the same bytes for all of them."""
+    """Return a binary message in its WebSocket encoding (RFC 6455, 5.2), the same bytes for all browsers."""
     size = len(data)
     if size < 126:
         return bytes((BINARY, size)) + data
@@ -260,7 +265,7 @@ def packed(data: bytes) -> bytes:
 
 
 def encoded(word: "JsonObject") -> bytes:
-    """Return a word as JSON; a number that is not finite, which JSON has not, is null."""
+    """Return a message as JSON. Infinite numbers and NaN, which JSON does not have, become null."""
     return json.dumps(_plain(word), ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
 
 

@@ -1,4 +1,4 @@
-"""The worlds in which the loop runs: a simulation, faults in it too, a recorded run, or the real vehicle."""
+"""Define the worlds in which the loop runs: a simulation, also with faults, a recorded run, or the real vehicle."""
 
 from typing import TYPE_CHECKING
 

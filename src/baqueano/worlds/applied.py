@@ -1,12 +1,12 @@
-"""The duty that a motor had in a tick, known before the telemetry of the tick's end has come.
+"""Estimate the duty that a motor had in a tick, before the telemetry of the end of the tick has arrived.
 
-    U(t) = ∫ d dτ       known from telemetry up to t_s, the time of the newest; t_s ≤ t by up to a period of it  (1)
-    x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
-    u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
+  U(t) = ∫ d dτ       known from telemetry up to t_s, the time of the newest; t_s ≤ t by up to its period       (1)
+  x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
+  u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
-The mean in telemetry is that of its own span, which ended up to a period before the tick: taken for the tick's,
-a fit would find the motors quicker than they are, by 2 to 11 ms as the phases fall. (3) corrects
-an error of (2) (a kick, dither, a late frame) one tick later, so nothing adds up.
+The mean in telemetry is that of its own span, which ended up to a period before the tick. If it were taken for the
+tick's mean, a fit would find motors that are quicker than the real ones, by 2 to 11 ms depending on the phase. (3)
+corrects an error of (2) (a kick, dither, a late frame) one tick later, so errors do not accumulate.
 """
 
 from collections import deque
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 NS = 1e-9
-STEP_NS, MOST_STEPS = 1_000_000, 50  # the firmware looks at its wheels so often
+STEP_NS, MOST_STEPS = 1_000_000, 50  # the period at which the firmware checks its wheels
 ON_THE_WAY_NS = 1_000_000  # from a command of the loop to the wheels: by USB it is 1 to 2 ms
 
 
@@ -35,7 +35,7 @@ class AppliedMotors(NamedTuple):
     ) * 4  # left forwards, left backwards, right forwards, right backwards
 
     def duty(self, wheel: int, request: float) -> float:
-        """The duty at the pins for a request that the wheel follows.  (2)"""
+        """Return the duty at the pins for a request that the wheel follows.  (2)"""
         if request == 0.0:
             return 0.0
         way = self.ways[2 * wheel + (request < 0.0)]
@@ -43,7 +43,7 @@ class AppliedMotors(NamedTuple):
         return size if request > 0.0 else -size
 
     def request(self, wheel: int, duty: float) -> float:
-        """The inverse."""
+        """Return the request for a duty at the pins, the inverse of `duty`."""
         if duty == 0.0:
             return 0.0
         way = self.ways[2 * wheel + (duty < 0.0)]
@@ -51,7 +51,7 @@ class AppliedMotors(NamedTuple):
         return size if duty > 0.0 else -size
 
     def step(self, request: float, goal: float, seconds: float) -> float:
-        """The request that is followed, so much later: through zero, no faster than the slew."""
+        """Return the request after `seconds` of following `goal`: limited by the slew, and with a stop at zero."""
         if request * goal < 0.0:
             goal = 0.0
         most = self.slew_per_s * seconds
@@ -62,7 +62,7 @@ AS_SENT = AppliedMotors()
 
 
 class AppliedDuties:
-    """Of two wheels. All times are those of the host [ns]."""
+    """The applied duties of two wheels. All times are those of the host [ns]."""
 
     def __init__(self, motors: AppliedMotors = AS_SENT) -> None:
         self._motors = motors
@@ -73,17 +73,17 @@ class AppliedDuties:
         self._mean = np.zeros(2)
 
     def begin(self, now_ns: int) -> None:
-        """The first tick begins now; what was heard and sent before counts as much as it still moves a motor."""
+        """Begin the first tick now; earlier telemetry and commands count only if they still move a motor."""
         self._commands.clear()
         self._until_ns, self._integral = now_ns, np.zeros(2)
         self._spent_duty = np.zeros(2) if self._command_ns < 0 else self._onward(now_ns)
 
     def sent(self, now_ns: int, left: float, right: float) -> None:
-        """A command has left."""
+        """Record a command that was sent."""
         self._commands.append((now_ns + ON_THE_WAY_NS, (left, right)))
 
     def update(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
-        """Telemetry: the mean duty (2,) since the one before, that of now, and whether nothing drives."""
+        """Record telemetry: the mean duty (2,) since the previous one, the present duty, True if no motor is driven."""
         if self._command_ns >= 0:
             self._integral = self._integral + np.array(mean) * ((t_ns - self._command_ns) * NS)
         elif self._until_ns < 0:
@@ -93,7 +93,7 @@ class AppliedDuties:
             self._commands.popleft()
 
     def mean(self, t_ns: int) -> np.ndarray:
-        """The mean duty (2,) from the last time that was asked for to `t_ns`.  (3)"""
+        """Return the mean duty (2,) from the time of the last call to `t_ns`.  (3)"""
         if self._command_ns < 0 or t_ns <= self._until_ns:
             return self._mean
         whole = self._integral + self._onward(t_ns)
@@ -102,7 +102,7 @@ class AppliedDuties:
         return self._mean
 
     def _onward(self, t_ns: int) -> np.ndarray:
-        """The integral (2,) from the newest telemetry to `t_ns`.  (2)"""
+        """Return the integral (2,) of the duty from the newest telemetry to `t_ns`.  (2)"""
         at_ns, total = self._command_ns, np.zeros(2)
         if t_ns <= at_ns or not self._commands:
             return np.array(self._duty) * ((t_ns - at_ns) * NS)
@@ -117,7 +117,7 @@ class AppliedDuties:
         return total
 
     def _goal(self, t_ns: int) -> tuple[float, float]:
-        """The command that is in force."""
+        """Return the command in force at `t_ns`."""
         goal = (0.0, 0.0)
         if not self._stopped:
             for since_ns, duty in self._commands:

@@ -1,9 +1,8 @@
-"""A recording with holes, made one without: where ticks are missing, silent ones are put in.
+"""Fill the gaps of a recording: insert silent ticks where ticks are missing.
 
-An estimator steps a stiff model from tick to tick, and no integrator of fixed step survives a hole of
-seconds. With silent ticks it predicts on at its own pace, and its covariance grows as it should. The
-command in force is the one that the tick after the hole reports. A recording without holes comes out
-untouched.
+An estimator integrates a stiff model from tick to tick, and no integrator with a fixed step stays stable over a gap of
+seconds. With silent ticks it continues to predict at its own rate, and its covariance grows as it should. The command
+in force is the one that the tick after the gap reports. A recording without gaps is unchanged.
 """
 
 from collections.abc import Iterable, Iterator
@@ -13,16 +12,16 @@ import numpy as np
 from baqueano.signals import NANOSECONDS, Slot, Tick
 
 HOLE = 2.5  # periods from one tick to the next that make a hole
-LONGEST_NS = 60 * NANOSECONDS  # a longer hole is another drive: only so much of it is filled
+LONGEST_NS = 60 * NANOSECONDS  # of a longer hole, which separates two drives, only this much is filled
 
 
 def period_ns(t_ns: np.ndarray) -> int:
-    """The usual time between two ticks (N,) [ns]; 0 if there are fewer than two."""
+    """Return the median time between two ticks (N,) [ns], or 0 for fewer than two ticks."""
     return int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0
 
 
 def filled(ticks: Iterable[Tick], period_ns: int) -> Iterator[Tick]:
-    """The same ticks, with silent ones every period in the holes."""
+    """Yield the same ticks, with silent ones every period in the gaps."""
     before: int | None = None
     for tick in ticks:
         if before is not None and 0 < HOLE * period_ns < tick.t_ns - before:

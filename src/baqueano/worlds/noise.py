@@ -1,7 +1,6 @@
-"""Noise comes in from outside: one stream of unit normals per name, all from one seed.
+"""Draw noise as an input from outside: one stream of unit normals per name, all from one seed.
 
-A stream is keyed by the hash of its name, so a sensor that is added or taken away changes nobody else's
-noise.
+The key of a stream is the hash of its name, so that adding or removing a sensor does not change the noise of others.
 """
 
 import numpy as np
@@ -10,12 +9,12 @@ PROCESS = "process"  # the vehicle's own stream
 
 
 def sensor_stream(name: str) -> str:
-    """The stream of the sensor `name`."""
+    """Return the name of the stream of the sensor `name`."""
     return f"sensor.{name}"
 
 
 def stream(seed: int, name: str) -> "np.random.Generator":
-    """The generator that belongs to `name` under `seed`."""
+    """Return the random generator that belongs to `name` under `seed`."""
     import hashlib  # it loads OpenSSL, for which a robot does not wait: it draws nothing
 
     key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
@@ -23,5 +22,5 @@ def stream(seed: int, name: str) -> "np.random.Generator":
 
 
 def unit_normals(seed: int, name: str, ticks: int, size: int) -> np.ndarray:
-    """(ticks, size) unit normals; the first rows do not depend on how many follow."""
+    """Return unit normals (ticks, size); the first rows do not depend on the number of ticks."""
     return stream(seed, name).standard_normal((ticks, size))

@@ -1,8 +1,8 @@
-"""A recorded run as a world of the loop: its readings are those of the run, for any command.
+"""Use a recorded run as a world of the loop: its readings are those of the run, for any command.
 
-The blocks see the ticks of the run, with the commands that reached the motors then. So estimates are
-comparable between estimators, and the same blocks give the same numbers, bit for bit. A sensor of the vehicle that
-the run does not hold is silent.
+The blocks receive the ticks of the run, with the commands that reached the motors then. Estimates of different
+estimators are therefore comparable, and the same blocks give the same numbers, bit for bit. A sensor of the vehicle
+that is not in the run is silent.
 """
 
 from dataclasses import replace
@@ -18,7 +18,7 @@ from baqueano.worlds.gaps import filled, period_ns
 
 
 class ReplayedWorld(World):
-    """A recorded run as a world of the loop: commands move nothing.
+    """A recorded run as a world of the loop; commands have no effect.
 
     Parameters
     ----------
@@ -56,21 +56,21 @@ class ReplayedWorld(World):
 
     @property
     def times(self) -> list[int]:
-        """The clock of this world: the times of its ticks [ns]."""
+        """Return the clock of this world: the times of its ticks [ns]."""
         return [tick.t_ns for tick in self._ticks]
 
     def read(self, t_ns: int) -> list[Tick]:
-        """The recorded ticks after the last one, up to `t_ns`."""
+        """Return the recorded ticks after the last one, up to `t_ns`."""
         first = self._next
         while self._next < len(self._ticks) and self._ticks[self._next].t_ns <= t_ns:
             self._next += 1
         return self._ticks[first : self._next]
 
     def write(self, command: Command) -> None:
-        """Moves nothing: what happened has happened."""
+        """Do nothing: a command cannot change a recorded run."""
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Time [ns] and truth, as far as the run knows it, since this was last asked."""
+        """Return time [ns] and truth of each tick since the last call, [] for a run without truth."""
         log, first = self._truth, self._truth_row
         if log is None or self._next == 0:
             return []

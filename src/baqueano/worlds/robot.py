@@ -1,15 +1,13 @@
-"""The real vehicle as a world of the loop: two wheels behind a link, an IMU on a bus.
+"""Use the real vehicle as a world of the loop: two wheels behind a link, an IMU on a bus.
 
-    (l, r) = mix(u),  |l|, |r| ≤ 1                      duties that are sent                              (1)
-    u = unmix(mean of the duties that were applied)     the command of a tick, as the motors had it       (2)
-    z = mean of the samples since the last tick         IMU                                               (3)
-    v = 2π r Δc / (N Δt)                                a wheel with N counts in a turn                   (4)
+  (l, r) = mix(u),  |l|, |r| ≤ 1                      duties that are sent                              (1)
+  u = unmix(mean of the duties that were applied)     the command of a tick, as the motors had it       (2)
+  z = mean of the samples since the last tick         IMU                                               (3)
+  v = 2π r Δc / (N Δt)                                a wheel with N counts per turn                    (4)
 
-What was applied comes from the firmware's telemetry, after its slew, kick and dead man: that, and not what was
-asked for, is what a model of the motors has to explain (applied.py).
-
-This file knows neither frames nor registers: `wheels` and `imu` are anything with the methods of the protocols
-below, on the vehicle (robot/) or emulated (tests/emulated/).
+The applied duties come from the firmware's telemetry, after its slew, kick and dead-man timer: a model of the motors
+must explain these, not the requested ones (applied.py). This file contains neither frames nor registers: `wheels` and
+`imu` are objects with the methods of the protocols below, on the vehicle (robot/) or emulated (tests/emulated/).
 """
 
 from collections.abc import Callable, Sequence
@@ -30,22 +28,24 @@ from baqueano.worlds.silent_encoders import SilentEncoders
 
 TILT_TICKS = 50  # over which a tilt is the mean: half a second
 SILENT_S = 0.1  # without telemetry the link counts as broken: ten frames are missing
-DEAF_S = 1.0  # the same while something damaged arrives: of frames with 5 % of their bytes wrong one in ten is whole
+DEAF_S = 1.0  # the same while damaged frames arrive: with 5 % wrong bytes, one frame in ten is whole
 
 
 class Telemetry(NamedTuple):
     """The telemetry of one moment, in the clock of the host."""
 
     t_ns: int
-    applied: tuple[float, float]  # duties of the left and the right motor, [-1, 1], mean since the one before
+    applied: tuple[
+        float, float
+    ]  # duties of the left and the right motor, [-1, 1], mean since the previous telemetry
     counts: tuple[int, int]  # of the encoders since the firmware started; they wrap at 2³¹
-    battery_v: float  # 0 where it is not wired
+    battery_v: float  # 0 if it is not wired
     marks: int  # lines passed since the firmware started
     mark_ns: int  # when the last one was
     stopped: Diagnostic | None  # why the firmware drives no motor; None if it does
-    encoder_silent: bool = False  # one counts nothing though its motor is driven hard
+    encoder_silent: bool = False  # an encoder does not count although its motor is driven hard
     now: tuple[float, float] | None = None  # duty of this moment; None: as `applied`
-    boot: int = 0  # another one: the firmware began anew, and its counts with it
+    boot: int = 0  # a new number: the firmware and its counts have restarted
 
 
 class Sample(NamedTuple):
@@ -58,10 +58,10 @@ class Sample(NamedTuple):
 
 
 class WheelLink(Protocol):
-    """A link that sends duties and receives telemetry; neither call ever waits for the line."""
+    """A link that sends duties and receives telemetry; neither call waits for the line."""
 
     def drive(self, left: float, right: float) -> None:
-        """Duties in [-1, 1], once: nothing sends them again."""
+        """Send duties in [-1, 1] once; they are not repeated."""
         ...
 
     def receive(self) -> list[Telemetry]:
@@ -88,11 +88,11 @@ class ImuSource(Protocol):
 
     @property
     def delay_s(self) -> tuple[float, float]:
-        """By how much the motion is older than a sample's stamp: accelerometers, gyro."""
+        """Return the delays of the motion against the timestamp of a sample [s]: accelerometers, gyro."""
         ...
 
     def events(self) -> Sequence[HardwareEvent]:
-        """Return its events since the last time, each with its `message`."""
+        """Return the events of the IMU since the last call, each with its `message`."""
         ...
 
     def read(self) -> list[Sample]:
@@ -162,7 +162,7 @@ class Robot(World):
         self._encoders = SilentEncoders()
 
     def begin(self, now_ns: int) -> None:
-        """The time of the host [ns] that is 0 in this world; what was heard before is forgotten."""
+        """Set the time of the host [ns] that is 0 in this world, and drop all data received before."""
         self._start_ns = now_ns
         self._extras, self._events = [], []  # of a drive that ended within a tick
         self._last = (self._wheels.receive() or [self._last])[-1]
@@ -175,7 +175,7 @@ class Robot(World):
             self._imu.events()
 
     def read(self, t_ns: int) -> list[Tick]:
-        """Return one tick of all the data since the last one."""
+        """Return one tick with all data since the last one."""
         telemetry = self._wheels.receive()
         before, self._last = self._last, telemetry[-1] if telemetry else self._last
         if telemetry:
@@ -192,20 +192,20 @@ class Robot(World):
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
     def look(self, t_ns: int) -> list[Diagnostic | str]:
-        """Return the events of the hardware since the last call, and drop the readings: nobody records."""
+        """Return the events of the hardware since the last call, and drop the readings, as no drive is recorded."""
         self.read(t_ns)
         self.new_channels()
         return [message for _, message in self.new_events()]
 
     def write(self, command: Command) -> None:
-        """The duties that this command asks for.  (1)"""
+        """Send the duties of this command.  (1)"""
         left, right = np.clip(mix(self._body.mixing, command.u), -1.0, 1.0).tolist()
         self._wheels.drive(left, right)
         now_ns = self._start_ns + command.t_ns if self._now_ns is None else self._now_ns()
         self._duties.sent(now_ns, left, right)
 
     def trouble(self, t_ns: int) -> Diagnostic | None:
-        """Return why the vehicle must not go on; None if the link is well."""
+        """Return the reason why the vehicle must stop, or None if the link works."""
         if self._last is None:
             return None if seconds(t_ns) < SILENT_S else stop(StopReason.UNO_UNHEARD)
         silent_s = seconds(t_ns, self._last.t_ns - self._start_ns)
@@ -217,12 +217,12 @@ class Robot(World):
         return self._last.stopped
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Name, time [ns] and value of what no sensor of the vehicle holds, since this was last asked."""
+        """Return name, time [ns] and value of the readings outside of the vehicle's sensors since the last call."""
         extras, self._extras = self._extras, []
         return extras
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Time [ns] of what happened, and what, to the hardware, since this was last asked."""
+        """Return time [ns] and message of each event of the hardware since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -231,7 +231,7 @@ class Robot(World):
         self._duties.update(telemetry.t_ns, telemetry.applied, now, telemetry.stopped is not None)
 
     def _imu_slot(self, t_ns: int) -> Slot | None:
-        """(a_x, a_y, ω_z) of the body and its age, that of the chip's filter too; None where no sample came.  (3)"""
+        """Return (a_x, a_y, ω_z) of the body and its age, including the chip's filter; None without a sample.  (3)"""
         samples = self._imu.read() if self._imu is not None else []
         if self._imu is not None:
             self._events += [(t_ns, event.message) for event in self._imu.events()]
@@ -250,7 +250,7 @@ class Robot(World):
         return Slot(1.0, np.array([accel[0], accel[1], gyro[2]]), age_s)
 
     def _watch_tilt(self, accel: np.ndarray) -> None:
-        """The tilt of the mean force: driving shakes it, but not for long."""
+        """Update the tilt from the mean specific force; driving disturbs it only for short times."""
         self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
@@ -262,12 +262,14 @@ class Robot(World):
         if reads == "imu" and imu is not None:
             return imu._replace(
                 age_s=max(0.0, imu.age_s - float(low_pass_s(sensor)))
-            )  # h has that of its low-pass
+            )  # the delay of the low-pass is already in h
         if now is not None and before is not None and now is not before and now.boot == before.boot:
             if reads == "wheels":
                 z = self._wheel_travel(before, now)
             elif reads == "encoders" and (travel := self._wheel_travel(before, now)) is not None:
-                middle_ns = (before.t_ns + now.t_ns) // 2 - self._start_ns  # a mean speed holds there
+                middle_ns = (
+                    before.t_ns + now.t_ns
+                ) // 2 - self._start_ns  # the time to which a mean speed belongs
                 return Slot(1.0, travel, seconds(t_ns, min(max(0, middle_ns), t_ns)))
             elif reads == "odometer":
                 z = self._wheel_travel(before, now)
@@ -278,7 +280,7 @@ class Robot(World):
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
 
     def _wheel_travel(self, before: Telemetry, now: Telemetry) -> np.ndarray | None:
-        """(v_l, v_r) from one telemetry to the next; None for wheels without encoders.  (4)"""
+        """Return (v_l, v_r) [m/s] between two telemetries, or None for wheels without encoders.  (4)"""
         radius, turn = self._body.wheel_radius_m, self._body.counts_per_turn
         if radius is None or turn is None:
             return None
@@ -287,5 +289,5 @@ class Robot(World):
 
 
 def grown(now: int, before: int) -> int:
-    """By how much a count of 32 bits grew, which wraps at 2³¹."""
+    """Return the growth of a 32-bit count, which wraps at 2³¹."""
     return (now - before + (1 << 31)) % (1 << 32) - (1 << 31)

@@ -1,12 +1,12 @@
-"""A simulated world to which faults happen, as one pure step with the disturbance of the tick as an input.
+"""Simulate a world with faults, as one pure step with the disturbance of the tick as an input.
 
-    ν ← ν + ½ δ a,   the vehicle's own tick,   ν ← ν + ½ δ a        a of push and floor, half before and half after  (1)
-    a = P (F/m + g),   g = −g₀ Jᵀ(ψ) s                               s the slope; P leaves what the vehicle can do   (2)
-    V ← part of V,   force of a motor ← grip of it                   battery_v and gain of the drivetrain            (3)
-    z ← factor z + offset, or no z                                                                                   (4)
+  ν ← ν + ½ δ a,   the vehicle's own tick,   ν ← ν + ½ δ a        a of push and floor, half before and half after  (1)
+  a = P (F/m + g),   g = −g₀ Jᵀ(ψ) s                               s the slope; P keeps the possible motions       (2)
+  V ← part of V,   force of a motor ← grip of it                   battery_v and gain of the drivetrain            (3)
+  z ← factor z + offset, or no z                                                                                   (4)
 
-An IMU feels F/m and not g, as a real one does. The same faults, seed and commands give the same numbers, bit for bit;
-without a fault they are those of an undisturbed twin.
+An IMU measures F/m and not g, as a real one does. The same faults, seed and commands give the same numbers, bit for
+bit; without a fault they are those of an undisturbed twin.
 """
 
 from collections import deque
@@ -37,7 +37,7 @@ def shaken_step(
     vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise,
     shake: Disturbance,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
-    """Advance by a tick under the command `u` (n,) and a disturbance: state, truth, readings.  (1)-(4)"""
+    """Advance by a tick under the command `u` (n,) and a disturbance; return state, truth and readings.  (1)-(4)"""
     vehicle = _weaken(vehicle, shake)
     before = state.vehicle
     a, _ = _acceleration(vehicle, before.eta, shake)
@@ -68,14 +68,14 @@ def shaken_step(
 
 
 def _with_gains(vehicle: Vehicle) -> Vehicle:
-    """Return the vehicle with a gain for each motor, where one stands for all."""
+    """Return the vehicle with one gain per motor, if it has a common one."""
     drivetrain = vehicle.drivetrain
     gains = replace(drivetrain, gain=drivetrain.gain * np.ones(drivetrain.channels))
     return put({"model": vehicle}, "model.drivetrain", gains)["model"]
 
 
 def _weaken(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
-    """Return the vehicle with what is left of its voltage and of the grip of its motors.  (3)"""
+    """Return the vehicle with its reduced voltage and the reduced grip of its motors.  (3)"""
     tree, drivetrain = {"model": vehicle}, vehicle.drivetrain
     tree = put(tree, "model.drivetrain.battery_v", drivetrain.battery_v * shake.supply)
     return put(tree, "model.drivetrain.gain", drivetrain.gain * shake.grip)["model"]
@@ -90,7 +90,7 @@ def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tupl
 
 
 def _slower(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> np.ndarray:
-    """Return by how much ν̇ (3,) differs at another ν, for what opposes the motion."""
+    """Return the difference of ν̇ (3,) between two velocities, from the forces that oppose the motion."""
     own, off = optional.of(vehicle, "nu_dot"), np.zeros(vehicle.commands)
     return np.zeros(3) if own is None else own(then, off, psi) - own(nu, off, psi)
 
@@ -120,18 +120,18 @@ class _Shaken(NamedTuple):
 
 
 class ShakenWorld(SimulatedWorld):
-    """A simulated vehicle to which faults happen.
+    """A simulated vehicle with faults.
 
     Parameters
     ----------
     vehicle : Vehicle
         The vehicle.
     sensors : NamedTuple of Sensor
-        Its sensors, by name.
+        The sensors of the vehicle, by name.
     rate_hz : float
         Ticks a second.
     seed : int
-        Of the noise, and of what is random in a fault.
+        Seed of the noise, and of the random numbers of faults.
     eta0 : ndarray (3,), optional [m, m, rad]
         Pose at the start in the map.
     backend : str
@@ -142,7 +142,7 @@ class ShakenWorld(SimulatedWorld):
     Raises
     ------
     UsageError
-        For a fault that this vehicle cannot have.
+        If this vehicle cannot have one of the faults.
 
     Notes
     -----
@@ -176,8 +176,10 @@ class ShakenWorld(SimulatedWorld):
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
     def shake(self, one: FaultLike) -> Fault:
-        """Let a fault begin with the next tick, from any thread; its `at_s` is set then. UsageError for one that this
-        vehicle cannot have."""
+        """Begin a fault with the next tick, which sets its `at_s`; each thread may call this.
+
+        Raise UsageError for a fault that this vehicle cannot have, or if there are too many.
+        """
         valid_fault = self._shaking.check(Fault.of_words(one))
         if len(self.faults) + len(self._coming) >= MOST_FAULTS:
             raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
@@ -185,17 +187,17 @@ class ShakenWorld(SimulatedWorld):
         return valid_fault
 
     def over(self, number: int) -> None:
-        """Let a fault end with the next tick, from any thread. UsageError where none has this number."""
+        """End a fault with the next tick; each thread may call this. Raise UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
             raise UsageError(fault("shake.no-number", found=number, most=len(self.faults)))
         self._coming.append(number)
 
     def write(self, command: Command) -> None:
-        """The command for the ticks that follow, as far as the line carries it."""
+        """Set the command for the following ticks, unless the line loses it."""
         self._requested = np.array(command.u, dtype=float)
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Time [ns] and message of what began or was ended, since this was last asked."""
+        """Return time [ns] and message of each fault that began or was ended since the last call."""
         events, self._pending = self._pending, []
         return events
 
@@ -213,7 +215,7 @@ class ShakenWorld(SimulatedWorld):
         return slots
 
     def _take_all(self, k: int) -> None:
-        """Take what was asked for since the last tick."""
+        """Apply the requests since the last tick."""
         now_s = k / self._rate_hz
         while self._coming:
             change = self._coming.popleft()

@@ -1,7 +1,8 @@
-"""Find the encoder that does not count though its motor is driven hard. The firmware reports one; counts say which.
+"""Find the encoder that does not count although its motor is driven hard: the firmware reports it, the counts identify
+it.
 
-The firmware flags a wheel that had DRIVEN_HARD or more of full duty for 0.5 s without a count. One flag stands for both
-wheels, so the one is meant whose counts stood for QUIET_S while its duty was as high.
+The firmware flags a wheel that had DRIVEN_HARD or more of full duty for 0.5 s without a count. One flag serves both
+wheels. The affected wheel is the one whose counts did not change for QUIET_S while its duty was as high.
 """
 
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from baqueano.worlds.robot import Telemetry
 
 DRIVEN_HARD = 0.5
-QUIET_S = 0.4  # of the firmware's 0.5 s: telemetry does not begin with them
+QUIET_S = 0.4  # less than the firmware's 0.5 s, as telemetry is not in phase with it
 FIX = "baqueano robot settings HOST --encoders none"
 
 
@@ -25,7 +26,7 @@ class SilentEncoders:
         self._reported_wheels: set[int] = set()
 
     def update(self, now: "Telemetry") -> list[Diagnostic]:
-        """Return which encoders fell silent; each is said once until the firmware takes its flag back."""
+        """Return a message for each encoder that became silent, once until the firmware clears its flag."""
         before, self._before = self._before, now
         for wheel in range(2):
             is_driven = abs(now.applied[wheel]) >= DRIVEN_HARD

@@ -1,9 +1,9 @@
-"""A simulated vehicle with its sensors, as a world of the loop and as one pure step.
+"""Simulate a vehicle with its sensors, as a world of the loop and as one pure step.
 
-    state, truth, slots = world_step(vehicle, sensors, state, u, dt_s, noise)                              (1)
+  state, truth, slots = world_step(vehicle, sensors, state, u, dt_s, noise)                              (1)
 
-The same step runs in a kernel (simulate/) and here, one tick after the other, with the same noise: tick k
-of a simulated world and tick k of a simulated run with the same seed and commands are the same numbers.
+The same step runs in a kernel (simulate/) and here tick by tick, with the same noise: tick k of a simulated world and
+tick k of a simulated run with the same seed and commands have the same numbers.
 """
 
 from collections import deque
@@ -19,7 +19,7 @@ from baqueano.vehicles.state import Vehicle, VehicleState
 from baqueano.worlds.noise import PROCESS, sensor_stream, stream
 
 BATCH = 256  # rows of noise drawn at a time
-UNASKED = 10_000  # truths that are kept for one who never asks
+UNASKED = 10_000  # truths that are kept if new_truths is not called
 
 
 class WorldState(NamedTuple):
@@ -37,7 +37,7 @@ class DrawnNoise(NamedTuple):
 
 
 def world_init(vehicle: Vehicle, sensors: SensorBlocks, eta0: np.ndarray | None = None) -> WorldState:
-    """A vehicle at rest at the pose `eta0` (3,), sensors just switched on."""
+    """Return the state of a vehicle at rest at the pose `eta0` (3,), with sensors just switched on."""
     return WorldState(vehicle.init(eta0), tuple(sensor.init() for sensor in sensors))
 
 
@@ -49,7 +49,7 @@ def world_step(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """Advance by a tick under the command `u` (n,): state, truth, and the readings at its end.  (1)"""
+    """Advance by a tick under the command `u` (n,); return state, truth, and the readings at its end.  (1)"""
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     readings = [
         s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)
@@ -59,7 +59,7 @@ def world_step(
 
 
 def no_noise(sensors: SensorBlocks) -> DrawnNoise:
-    """Zeros where unit normals are expected."""
+    """Return zeros in place of unit normals."""
     return DrawnNoise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
 
@@ -83,11 +83,11 @@ class SimulatedWorld(World):
     vehicle : Vehicle
         The vehicle.
     sensors : NamedTuple of Sensor
-        Its sensors, by name.
+        The sensors of the vehicle, by name.
     rate_hz : float
         Ticks a second.
     seed : int
-        Of the noise.
+        Seed of the noise.
     eta0 : ndarray (3,), optional [m, m, rad]
         Pose at the start in the map.
     backend : str
@@ -137,7 +137,7 @@ class SimulatedWorld(World):
         self._step = step if backend == "numpy" else function(step, *example, backend=backend)
 
     def read(self, t_ns: int) -> list[Tick]:
-        """All ticks up to `t_ns`; their times are whole multiples of the world's own period."""
+        """Return all ticks up to `t_ns`; their times are whole multiples of the world's own period."""
         ticks = []
         while (next_ns := round((self._tick + 1) * NANOSECONDS / self._rate_hz)) <= t_ns:
             slots = self._advance(1.0 / self._rate_hz)
@@ -147,17 +147,17 @@ class SimulatedWorld(World):
         return ticks
 
     def write(self, command: Command) -> None:
-        """The command for the ticks that follow."""
+        """Set the command for the following ticks."""
         self._u = np.array(command.u, dtype=float)
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Time [ns] and truth of every tick since this was last asked."""
+        """Return time [ns] and truth of every tick since the last call."""
         truths = list(self._truths)
         self._truths.clear()
         return truths
 
     def _advance(self, dt_s: float) -> ByName[Slot]:
-        """Go on by a tick; its readings."""
+        """Advance by a tick and return its readings."""
         self._state, self.truth, slots = self._step(self._state, self._u, dt_s, self._noise())
         return slots
 

@@ -1,6 +1,6 @@
 """Verbs that move a vehicle: experiment, teach, repeat, replay, drive.
 
-targets         where a verb drives: simulated, emulated or real
+targets         the vehicle that a verb drives: simulated, emulated or real
 manual_drive    a drive by hand from this terminal
-iterate         design, drive, fit, and again
+iterate         repeated rounds of design, drive and fit
 """

@@ -1,4 +1,4 @@
-"""baqueano drive."""
+"""Define `baqueano drive`: drive by hand from this terminal."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +11,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import (
     by_hand,
     by_page,
-    ended_by_hand,
+    end_by_hand,
     hold_option,
     pad_option,
     scales_from_marks,
@@ -59,7 +59,7 @@ def command(
     drive = by_page(folder, pace) if shown else at_terminal
     run = drive("drive", file, robot, seed, backend, path, hold=hold)
     talk(note("cli.run", path=path))
-    ended_by_hand(run, path, robot)
+    end_by_hand(run, path, robot)
     text, values = scales_from_marks(run, file, length_m)
     answer(DriveResult(run, path, values), as_json)
     talk(text)
@@ -73,7 +73,7 @@ class DriveResult:
 
     run: "Run"
     path: Path
-    values: dict[str, object]  # of the vehicle file, as its marks tell them
+    values: dict[str, object]  # of the vehicle file, from the marks of the run
     verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
@@ -84,6 +84,6 @@ class DriveResult:
         return [{"run": str(self.path), "duration_s": self.run.duration_s, "marks": marks} | self.values]
 
     def table(self) -> str:
-        """The same as a sentence."""
+        """Return the row as a sentence."""
         (row,) = self.rows()
         return _("drove {duration_s:.1f} s, {marks} marks: {run}", **row)

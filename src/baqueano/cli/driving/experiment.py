@@ -1,4 +1,4 @@
-"""baqueano experiment."""
+"""Define `baqueano experiment`: drive the vehicle with a signal that excites its dynamics."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -104,7 +104,7 @@ def command(
 def one(
     file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool, shake: tuple[str, ...] = ()
 ) -> None:
-    """Drives the commands `u` (N, n), and shows the run."""
+    """Drive the commands `u` (N, n), and show the run."""
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
 
@@ -113,11 +113,11 @@ def one(
     talk(note("cli.run", path=path))
     say_ledger(run, file, shake)
     answer(show(run), as_json)
-    options.ended(run, path)
+    options.raise_stop(run, path)
 
 
 def _check_options(signal: str, rounds: int | None, update: bool) -> None:
-    """UsageError where the options do not go together."""
+    """Raise UsageError if the options conflict."""
     from baqueano.errors import UsageError
     from baqueano.identify.design.signals import KINDS
 
@@ -135,7 +135,7 @@ def _check_options(signal: str, rounds: int | None, update: bool) -> None:
 def signal_of(
     file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
 ) -> np.ndarray:
-    """The commands (N, n) of that name, kept in the room if there is one."""
+    """Return the commands (N, n) of this kind of signal, kept in the room if there is one."""
     from baqueano.identify.design.plan import designed
     from baqueano.identify.design.room import contained, room_of
     from baqueano.identify.design.signals import excitation
@@ -166,8 +166,10 @@ def signal_of(
 def after_first_drive(
     file: "VehicleFile", place: Place, backend: str, path_of: Callable[[str], Path]
 ) -> tuple[Any, Any]:
-    """The file fitted to a careful first drive, and its run; AnswerNo where the vehicle is wired wrong or does not
-    move."""
+    """Return the file fitted to a careful first drive, and the run of that drive.
+
+    Raise AnswerNo if the vehicle is wired wrongly or does not move.
+    """
     from baqueano.drive import estimate_first_drive, rough
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
@@ -178,7 +180,7 @@ def after_first_drive(
         first = estimate_first_drive(place.drive(Mission("first drive"), file, path, progress), file)
     talk(note("cli.run", path=path))
     talk(first.table())
-    options.ended(first.run, path)
+    options.raise_stop(first.run, path)
     start = rough(first, file)
     with busy(note("cli.fitting-first")):
         fit = identify([first.run], start, options=FitOptions(backend=backend))

@@ -1,7 +1,7 @@
-"""`baqueano experiment --signal designed --rounds N`: design, drive, fit, and again with what was learnt.
+"""Run `baqueano experiment --signal designed --rounds N`: rounds of design, drive and fit.
 
-Each round is designed for the vehicle that all runs so far have shown, and is a run of its own; after it all of
-them are fitted together. Every run begins in the middle of the room.
+Each round is designed for the vehicle identified from all previous runs, and is a separate run. Afterwards all runs are
+fitted together. Every run begins in the middle of the room.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ class Round(NamedTuple):
     fit: "Fit"
 
     def relative_sd(self, name: str) -> float | None:
-        """Standard error of a parameter in parts of its value; None where it does not show."""
+        """Return the standard error of a parameter relative to its value, or None if it was not estimated."""
         if name not in self.fit.names:
             return None
         k = self.fit.names.index(name)
@@ -63,7 +63,7 @@ class Rounds:
         return out
 
     def table(self) -> str:
-        """A line for each parameter, a column for each round."""
+        """Return a line for each parameter, with a column for each round."""
         names = list(dict.fromkeys(name for iteration in self.rounds for name in iteration.fit.names))
         width = max(map(len, (*names, _("standard error of"))))
         head = "".join(f"{_('round {k}', k=k + 1):>12}" for k in range(len(self.rounds)))
@@ -79,8 +79,10 @@ def in_rounds(
     file: "VehicleFile", place: "Place", runs: "list[Run]", rounds: int, signal: Callable[[Any, int], np.ndarray],
     seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
-    """`rounds` drives with `signal(file, seed)`, each fitted with all `runs` before it; AnswerNo where a fit is
-    refused."""
+    """Drive `rounds` times with `signal(file, seed)`, fit each time all `runs` so far, and return the rounds.
+
+    Raise AnswerNo if a fit is refused.
+    """
     from baqueano.drive.mission import Mission
     from baqueano.errors import AnswerNo
     from baqueano.identify import FitOptions, identify
@@ -94,7 +96,7 @@ def in_rounds(
         with clocked(note("cli.round", number=k + 1), len(u) / file.rate_hz) as progress:
             run = place.drive(Mission("experiment", u=u), file, path, progress, seed=seed + k)
         talk(note("cli.run", path=path))
-        options.ended(run, path)
+        options.raise_stop(run, path)
         runs.append(run)
         with busy(note("cli.fitting", runs=len(runs))):
             fit = identify(runs, file, options=FitOptions(backend=backend))

@@ -1,4 +1,4 @@
-"""A drive by hand from this terminal, in real time, for `drive` and `teach --driver keys`."""
+"""Drive by hand from this terminal, in real time, for `drive` and `teach --driver keys`."""
 
 import os
 import signal
@@ -40,8 +40,11 @@ def by_hand(
     verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
     hold: bool = True, **how: Any,
 ) -> "Run":  # fmt: skip
-    """Return the run of a drive by hand in real time, until q. `verb`: "drive" or "teach"; `pad`: its device, FIND to
-    look for it; `hold`: straight on by the gyro, where there is one; `how`: share, latched of a Cockpit."""
+    """Return the run of a drive by hand in real time, which ends with q.
+
+    `verb`: "drive" or "teach"; `pad`: the device of the game pad, or FIND to search for it; `hold`: hold the heading on
+    straight motion, if there is a gyro; `how`: share and latched of a Cockpit.
+    """
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import gains_of
     from baqueano.drive.by_hand.pad import find
@@ -77,7 +80,7 @@ def by_hand(
 
 
 def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
-    """Return what drives by hand from the page, as `by_hand` does from this terminal."""
+    """Return a function that drives by hand from the page, as `by_hand` does from this terminal."""
 
     def drive(
         verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
@@ -104,7 +107,7 @@ def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
 
 
 def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit") -> "JsonObject":
-    """Options of a drive in a simulation, in real time."""
+    """Return the options of a drive in a simulation, in real time."""
     from baqueano.clock import wall
     from baqueano.worlds import SimulatedWorld
 
@@ -118,7 +121,7 @@ def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "
 
 
 def from_zero(clock: Iterable[int]) -> Iterator[int]:
-    """The same ticks in the time of a simulated world, which begins at 0."""
+    """Yield the same ticks in the time of a simulated world, which begins at 0."""
     start = None
     for t_ns in clock:
         start = t_ns if start is None else start
@@ -127,7 +130,7 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 
 @contextmanager
 def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
-    """Stop the vehicle where the terminal hangs up or another process ends the program."""
+    """Stop the vehicle if the terminal hangs up or another process ends the program."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because
 
@@ -147,8 +150,8 @@ def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
             signal.signal(getattr(signal, name), handler)
 
 
-def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
-    """Raises what stopped the drive, unless its driver ended it."""
+def end_by_hand(run: "Run", path: Path, robot: str) -> None:
+    """Raise the error of a stopped drive, unless its driver ended it."""
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
 
@@ -157,13 +160,13 @@ def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
         return
     if stop_reason is not None and robot.partition(":")[0] != "simulated":
         talk(note("cli.stop-latched", fix=typed("robot", "clear", robot)))
-    options.ended(run, path)
+    options.raise_stop(run, path)
 
 
 def scales_from_marks(
     run: "Run", file: "VehicleFile", length_m: float | None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
-    """Return what the marks of a run tell of the scales of the sensors, to print and as values of the vehicle file."""
+    """Return the scales of the sensors from the marks of a run, as text and as values of the vehicle file."""
     from baqueano.drive.closure import closure
     from baqueano.drive.session import marks_of
     from baqueano.errors import AnswerNo

@@ -1,4 +1,4 @@
-"""baqueano repeat."""
+"""Define `baqueano repeat`: drive a taught route again."""
 
 from pathlib import Path
 
@@ -110,4 +110,4 @@ def command(
         from baqueano.report.of_run import page_of_run
 
         talk(note("cli.report", page=page_of_run(run).save(page)))
-    options.ended(run, path)
+    options.raise_stop(run, path)

@@ -1,4 +1,4 @@
-"""baqueano replay."""
+"""Define `baqueano replay`: send a run through blocks again, and compare."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -83,13 +83,13 @@ def command(
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest
     if not _same(stop_of(replayed), stop_of(recorded_run)):
-        options.ended(replayed, path)
+        options.raise_stop(replayed, path)
     else:
         options.warned(replayed)
 
 
 def _same(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:
-    """Return True where both stops say the same; one that was recorded before there were codes has its words alone."""
+    """Return True if both stops are the same; a stop recorded without a code is compared by its text."""
     from baqueano.messages import text
 
     return stop == recorded_stop or text(stop) == text(recorded_stop)

@@ -1,4 +1,4 @@
-"""baqueano route."""
+"""Define `baqueano route`: draw, import, edit and check routes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -257,7 +257,7 @@ def faster(
 def drivable(
     route: "Route", name: str, file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
 ) -> None:  # fmt: skip
-    """Refuse a route that may not be driven before a run is begun, with the name of its file, and tell its warnings."""
+    """Print the warnings about a route. Raise AnswerNo, with its name, if it may not be driven."""
     from baqueano.drive.safety.route_check import warnings_of
 
     conditions = {"measured": options.measured(file, robot), "anyway": anyway, "backend": backend}
@@ -270,7 +270,7 @@ def drivable(
 
 
 def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: str) -> "Route":
-    """Return the route at the fastest speeds that the identified vehicle can drive."""
+    """Return the route at the highest speeds that the identified vehicle can drive."""
     from baqueano.routes import fastest
 
     try:
@@ -280,8 +280,10 @@ def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: s
 
 
 def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
-    """Return the pose in the map of a vehicle that stands at "x,y,degrees" from where the route begins; empty where it
-    stands there. UsageError for a wrong pose."""
+    """Return the start pose in the map of a vehicle at "x,y,degrees" from the start of the route, or ().
+
+    Raise UsageError for an invalid pose.
+    """
     import numpy as np
 
     from baqueano.geometry import map_from_body
@@ -295,7 +297,7 @@ def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
 
 
 def pose_of(words: str, code: str) -> tuple[float, float, float]:
-    """Return x, y and degrees of an option; UsageError of this code for a wrong pose."""
+    """Return x, y and degrees of an option. Raise UsageError with this code for an invalid pose."""
     try:
         x, y, degrees = (float(part) for part in words.split(","))
     except ValueError as error:
@@ -306,12 +308,12 @@ def pose_of(words: str, code: str) -> tuple[float, float, float]:
 
 
 def named(finding: Diagnostic, route: str) -> Diagnostic:
-    """Return a finding whose line to type names the route."""
+    """Return a finding whose suggested command names the route."""
     return replace(finding, fix=finding.fix.replace(NAME, route))
 
 
 def edited(route: str, verb: str, name: str | None, as_json: bool, edit: "Callable[[Route], Route]") -> None:
-    """Store what an edit makes of a route, as NAME-verb if no other name is given."""
+    """Apply an edit to a route, and store the result, as NAME-verb by default."""
     try:
         result = edit(options.find_route(route))
     except UsageError as error:
@@ -336,7 +338,7 @@ def stored(route: "Route", name: str, as_json: bool) -> None:
 
 
 def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
-    """Return the room of `--room` and `--start`, None without; UsageError for a wrong room."""
+    """Return the room of `--room` and `--start`, or None without `--room`. Raise UsageError for an invalid room."""
     if room is None:
         if start is not None:
             raise UsageError(fault("cli.start-without-room"))
@@ -350,7 +352,7 @@ def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | N
 
 
 def points_of(path: Path, speed_m_s: float, closed: bool | None) -> "Route":
-    """Return the route through the points of a file."""
+    """Return the route through the points of a file. Raise FileError if the file or its columns are missing."""
     import numpy as np
 
     from baqueano.errors import FileError

@@ -1,4 +1,4 @@
-"""Targets of a verb: a simulation, the emulated vehicle, or the real one. The verbs do not distinguish them."""
+"""Targets of a verb: a simulation, the emulated vehicle, or the real one, all with the same interface."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 IN_HERE = ("simulated", "emulated")
-LIKE = 0.85  # part of its letters that a mistyped name of these has in common with it
+LIKE = 0.85  # share of letters that a mistyped target has in common with the right name
 
 
 class Place(Protocol):
-    """The result of `placed`."""
+    """A target that drives missions, as `placed` yields it."""
 
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """The run of a mission for the vehicle of `file`, which is then at `path`."""
+        """Return the run of a mission for the vehicle of `file`; the run is then stored at `path`."""
         ...
 
     def back_in_the_middle(self) -> None:
-        """Sees to it that the next drive begins in the middle of the room, heading along its width."""
+        """Ensure that the next drive begins in the middle of the room, heading along its width."""
         ...
 
 
 class Here:
-    """A world in this process; `options` gives those of `session.drive` that make it."""
+    """A target in this process; `options` returns the options of `session.drive` for its world."""
 
     def __init__(self, options: Callable[[], "JsonObject"], page: "LivePage | None" = None) -> None:
         self._options, self._page = options, page
@@ -47,7 +47,7 @@ class Here:
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """See Place."""
+        """Return the run of a mission in this process; the run is then stored at `path`."""
         from baqueano.drive.mission import perform
         from baqueano.drive.observers import Progress
 
@@ -58,12 +58,12 @@ class Here:
         return perform(mission, file, hand, path=path, **arguments)
 
     def back_in_the_middle(self) -> None:
-        """A simulated vehicle begins there by itself."""
+        """Report that the vehicle is in the middle again: each simulated drive begins there."""
         talk(note("cli.middle-again"))
 
 
 class There:
-    """A vehicle that is reached by ssh. Where a drive begins there is the origin of its map."""
+    """A vehicle that is reached by ssh. The start of a drive there is the origin of its map."""
 
     def __init__(self, remote: "Remote", attended: bool, page: "LivePage | None" = None) -> None:
         self._remote, self._attended, self._page = remote, attended, page
@@ -72,7 +72,7 @@ class There:
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """See Place."""
+        """Return the run of a mission of the remote vehicle; the run is then stored at `path`."""
         from baqueano.drive.mission import packed
 
         callbacks: dict[str, Any] = {"say": talk} | {
@@ -85,7 +85,7 @@ class There:
         )
 
     def back_in_the_middle(self) -> None:
-        """Waits until somebody has put it there."""
+        """Wait until the user confirms that the vehicle is there."""
         import click
 
         talk(note("cli.put-back"))
@@ -97,8 +97,10 @@ def placed(
     robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True,
     page: "LivePage | None" = None, shake: tuple[str, ...] = (),
 ) -> Iterator[Place]:  # fmt: skip
-    """The place that --robot names: "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a
-    host. `shake` are the faults of a simulation."""
+    """Yield the target that --robot names, with the faults `shake` of a simulation.
+
+    The names are "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a host.
+    """
     kind = robot.partition(":")[0]
     if shake and kind != "simulated":
         raise UsageError(fault("shake.robot", host=robot))
@@ -124,7 +126,7 @@ def placed(
 
 
 def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
-    """Say of each fault who noticed it, and when, or why nobody did."""
+    """Print for each fault the checks that noticed it, and when, or the reason why none did."""
     if not shake:
         return
     from baqueano.worlds import ledger_of
@@ -136,7 +138,7 @@ def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
             talk(
                 note(
                     "ledger.noticed",
-                    who=note(f"ledger.who-{notice.who}"),
+                    who=note(f"ledger.who-{notice.witness}"),
                     after_s=notice.after_s,
                     said=notice.message,
                 )

@@ -1,4 +1,4 @@
-"""baqueano teach."""
+"""Define `baqueano teach`: drive a path once and store it as a route."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +11,7 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import (
     by_hand,
     by_page,
-    ended_by_hand,
+    end_by_hand,
     hold_option,
     pad_option,
     scales_from_marks,
@@ -99,7 +99,7 @@ def command(
                 run = place.drive(Mission("teach", route=target), file, path, progress, eta=target.eta[0])
         closed = target.closed
     talk(note("cli.run", path=path))
-    ended_by_hand(run, path, robot) if driver == "keys" else options.ended(run, path)
+    end_by_hand(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
     try:
         taught_route = route_of(run, closed)
     except AnswerNo as error:
@@ -119,7 +119,7 @@ def command(
 
 
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
-    """A shape by its name, or a stored route."""
+    """Return a shape by its name, or a stored route. Raise UsageError for an unknown name."""
     from baqueano.guides.shapes import shape
 
     if driver in SHAPES:
@@ -146,14 +146,14 @@ class LessonResult:
     verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """Return one row: paths of route and run, number of poses, duration, and if it is closed."""
+        """Return one row: paths of route and run, number of poses, duration, and True if the route is closed."""
         return [
             {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),
              "duration_s": float(self.route.t_s[-1]), "closed": bool(self.route.closed)}
         ]  # fmt: skip
 
     def table(self) -> str:
-        """The same as a sentence."""
+        """Return the row as a sentence."""
         closed = _("closed") if self.route.closed else _("open")
         poses, duration_s = len(self.route.t_s), float(self.route.t_s[-1])
         return _(

@@ -1,4 +1,4 @@
-"""baqueano compare."""
+"""Define `baqueano compare`: show errors and consistency of runs."""
 
 import click
 

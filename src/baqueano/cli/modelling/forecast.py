@@ -1,4 +1,4 @@
-"""baqueano forecast."""
+"""Define `baqueano forecast`: predict the uncertainty of the position along a route."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""baqueano identify."""
+"""Define `baqueano identify`: fit the model and the noise to runs."""
 
 import sys
 from collections.abc import Callable
@@ -180,7 +180,7 @@ def command(
 
 
 def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
-    """UsageError where one option would make another do nothing."""
+    """Raise UsageError if one option would make another one useless."""
     from baqueano.errors import UsageError
 
     if parameter_history and (choose or with_validation):
@@ -189,7 +189,7 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
 
 
 def _refusal(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
-    """Return why a fit is refused; the report on `page` shows the data where one was asked for."""
+    """Return the reason for which a fit is refused, with a hint to the report on `page`, or to its option."""
     from baqueano.messages import grouped
 
     data = note("cli.data-unseen", fix="--report fit.html") if page is None else note("cli.data-in-report")
@@ -198,7 +198,7 @@ def _refusal(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bo
 
 
 def _check_table(table: Path | None) -> None:
-    """UsageError before the work, where --table has an ending that is not written."""
+    """Raise UsageError, before the work, if --table has an unknown ending."""
     if table is not None:
         from baqueano.report.tables import suffix_of
 
@@ -206,14 +206,14 @@ def _check_table(table: Path | None) -> None:
 
 
 def _lap(route: str | None) -> "Route | None":
-    """Return the route of the forecast; None where the runs say how fast. UsageError before the work."""
+    """Return the route of the forecast, or None if the runs give the speed. Raise UsageError for an unknown route."""
     from baqueano.cli.driving.teach import shape_or_route
 
     return None if route is None else shape_or_route(route, 0.25, 1.0)
 
 
 def _forecast(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
-    """Return the forecast of a drive by the errors of the fit; None where it knows nothing of the model."""
+    """Return the forecast of a drive from the errors of the fit, or None if it cannot be computed."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
 
@@ -227,7 +227,7 @@ def _forecast(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | No
 
 
 def _more_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
-    """For --json: what was asked for run by run, and the figures of unseen runs."""
+    """Return further rows for --json: the requested parameters run by run, and the figures of held-out runs."""
     from baqueano.identify.result.fit_result import requested
 
     own = [row for row in fit.run_by_run() if requested(row["name"])]
@@ -266,7 +266,7 @@ def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
 def _with_tolerances(
     file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
-    """Return the file with the tolerances of its scales. UsageError where the fit would not use them."""
+    """Return the file with the tolerances of its scales. Raise UsageError if the fit would not use them."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
     from baqueano.identify.imu_only import imu_is_all
@@ -296,7 +296,7 @@ def _selection(
     validation_runs: "list[Run]",
     say: Callable[[str], object],
 ) -> Any:
-    """Return the terms that held-out data ask for, by the simulation error of `validation_runs`, if any."""
+    """Return the model with the terms that held-out data, or the `validation_runs` if there are any, support."""
     from baqueano.errors import UsageError
     from baqueano.identify.imu_only import imu_is_all
     from baqueano.identify.selection.selection import choose
@@ -315,7 +315,7 @@ def _selection(
 
 
 def _plain_options(arguments: "JsonObject") -> list[str]:
-    """Return the options of the command line that only a plain fit takes."""
+    """Return the used options of the command line that only a plain fit accepts."""
     return [_OPTIONS[name] for name in arguments["options"].changed if name in _OPTIONS]
 
 
@@ -330,7 +330,7 @@ _OPTIONS = {
 
 
 def _validation(fit: "Fit", validation_runs: "list[Run]") -> Any:
-    """The fit on runs that it has not seen; None without any."""
+    """Return the validation of the fit on held-out runs, or None without any."""
     if not validation_runs:
         return None
     from baqueano.identify.validation import validate
@@ -340,7 +340,7 @@ def _validation(fit: "Fit", validation_runs: "list[Run]") -> Any:
 
 
 def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
-    """Return Q and R; with held-out runs, from the source of R that predicts them best."""
+    """Return Q and R; with held-out runs, R comes from the source that predicts them best."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise.covariances import measure_noise
     from baqueano.identify.noise.held_out import compare_noise
@@ -389,7 +389,7 @@ def _save_table(result: Any, file: "VehicleFile", table: Path | None, caption: s
 
 
 def bounded(argument: str) -> tuple[str, tuple[float, float]]:
-    """("model.friction.linear", (0, 10)) from "model.friction.linear=0,10"."""
+    """Return ("model.friction.linear", (0, 10)) for "model.friction.linear=0,10", or raise UsageError."""
     from baqueano.errors import UsageError
 
     key, _, limits = argument.partition("=")

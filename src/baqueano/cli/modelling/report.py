@@ -1,4 +1,4 @@
-"""baqueano report."""
+"""Define `baqueano report`: write an HTML page about a run."""
 
 from pathlib import Path
 
@@ -69,7 +69,7 @@ def command(
 
 
 def _width(argument: str | None) -> str | float | None:
-    """A name, or a number of millimetres. UsageError for another."""
+    """Return a width as a name, or as a number of millimetres. Raise UsageError for an invalid one."""
     if argument is None:
         return None
     from baqueano.report.canvas import width_mm

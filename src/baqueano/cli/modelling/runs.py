@@ -1,4 +1,4 @@
-"""baqueano runs."""
+"""Define `baqueano runs`: list, show, cut, recover, import and export runs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -209,7 +209,7 @@ def _next(*runs: str, vehicle_options: list[str]) -> None:
 
 
 class Written(NamedTuple):
-    """An imported run, where it is, and what was doubted."""
+    """An imported run, its path, and the doubts of the import."""
 
     path: Path
     imported: "ImportedRun"
@@ -246,7 +246,10 @@ class Written(NamedTuple):
 
 
 def _in(out: Path | None, folder: str, name: str) -> Path:
-    """The file for a run of that name in the folder `out`, numbered where none is given."""
+    """Return the file for a run of that name in the folder `out`, or a numbered one in `folder` if `out` is None.
+
+    Raise UsageError if `out` is a file.
+    """
     if out is not None and out.suffix:
         from baqueano.errors import UsageError
 

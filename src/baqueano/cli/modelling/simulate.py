@@ -1,4 +1,4 @@
-"""baqueano simulate."""
+"""Define `baqueano simulate`: drive simulated vehicles with a signal."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""baqueano study."""
+"""Define `baqueano study`: reproduce the case studies."""
 
 import sys
 from dataclasses import replace

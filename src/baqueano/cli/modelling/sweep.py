@@ -1,4 +1,4 @@
-"""baqueano sweep."""
+"""Define `baqueano sweep`: compare blocks on the same drives or runs."""
 
 import sys
 from functools import partial

@@ -1,4 +1,4 @@
-"""baqueano tune."""
+"""Define `baqueano tune`: find the gains of the controller."""
 
 import click
 

@@ -1,4 +1,5 @@
-"""`python -m baqueano.cli.page.attached FOLDER`: the page of the verb that started this process, over its pipes."""
+"""`python -m baqueano.cli.page.attached FOLDER`: serve the page of the verb that started this process, over its
+pipes."""
 
 import argparse
 import asyncio
@@ -13,11 +14,11 @@ from baqueano.messages import text
 from baqueano.web.run import PageOptions, show_vehicle
 from baqueano.web.service import Link, on_pipes
 
-LOOK_S = 0.05  # between two looks at who has come
+LOOK_S = 0.05  # between two counts of the viewers
 
 
 async def serve(how: PageOptions) -> None:
-    """Serve the drives of the verb until its end of the pipes is closed; say who watches."""
+    """Serve the drives of the verb until its end of the pipes is closed, and report the number of viewers."""
     link: list[Link] = []
     viewers: list[Callable[[], int]] = []
     counting: list[asyncio.Task[None]] = []
@@ -48,7 +49,7 @@ async def serve(how: PageOptions) -> None:
 
 
 def main() -> int:
-    """Run the page; its exit code."""
+    """Run the page; return its exit code."""
     parser = argparse.ArgumentParser(prog="python -m baqueano.cli.page.attached", description=__doc__)
     parser.add_argument("folder", type=Path, help="the folder of the runs")
     try:

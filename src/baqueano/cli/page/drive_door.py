@@ -1,7 +1,7 @@
-"""A door in the process of a verb: the page is its one guest, and sees the drives of the verb as those of a service.
+"""Open a door in the process of a verb: the page is its only guest, and receives the drives like those of a service.
 
-here     the loop runs in this process, in the time of the wall, and shows each tick             (`here`)
-there    a robot drives: its words are handed on to the page, a stop of the page to the robot    (`there`)
+here     the loop runs in this process, in wall time, and shows each tick                        (`here`)
+there    a robot drives: its messages are passed on to the page, a stop of the page to the robot (`there`)
 """
 
 import json
@@ -52,7 +52,7 @@ class WorldWithBody(World, Protocol):
 
 
 class DriveDoor:
-    """The door of the drives of one verb. `by_hand`: the page drives, and says when."""
+    """The door of the drives of one verb. With `by_hand`, a person drives from the page and decides when to begin."""
 
     def __init__(
         self, file: "VehicleFile", world: str, folder: Path, pace: float = 1.0, by_hand: bool = False
@@ -74,16 +74,19 @@ class DriveDoor:
         self.publish(at_once=True)
 
     def welcome(self, line: socket) -> None:
-        """Take the connection of the page."""
+        """Add the connection of the page."""
         self._door.welcome(line)
 
     def close(self, reason: Diagnostic) -> None:
-        """Say that the drives are over, and let the page go."""
+        """Report that the drives have ended, and disconnect the page."""
         self._door.tell({"is": "over", "why": reason})
         self._door.close()
 
     def wait_for_hand(self, there: Callable[[], bool]) -> None:
-        """Wait until somebody begins to drive by hand on the page; RobotUnreachable where that is no more `there`."""
+        """Wait until a person begins to drive by hand on the page.
+
+        Raise RobotUnreachable once `there` returns False.
+        """
         while there():
             request = self.operator.next()
             if request is None:
@@ -96,7 +99,7 @@ class DriveDoor:
         raise RobotUnreachable(fault("cli.page-gone"))
 
     def here(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
-        """Return the options of a drive in this process, so that the page shows it and time passes at its pace."""
+        """Return the options of a drive in this process with which the page shows it and sets its pace."""
         start_options = (
             {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
         )
@@ -114,7 +117,7 @@ class DriveDoor:
         return given
 
     def hand(self, commands: int) -> np.ndarray:
-        """Return the command (n,) that the page wants; KeyboardInterrupt once it has ended the drive."""
+        """Return the command (n,) that the page wants. Raise KeyboardInterrupt once it has ended the drive."""
         if self.operator.done:
             raise KeyboardInterrupt
         return self.operator.command(commands)
@@ -127,7 +130,7 @@ class DriveDoor:
         def words() -> list[JsonObject]:
             nonlocal watching, stopped
             replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": HZ}]
-            replies += [{"do": "mark"}] * self.operator.marked()
+            replies += [{"do": "mark"}] * self.operator.marks()
             if self.operator.done:
                 raise KeyboardInterrupt
             stop_reason = self.operator.stop_reason(self.by_hand)
@@ -140,7 +143,7 @@ class DriveDoor:
         return {"words": words}
 
     def publish(self, at_once: bool = False) -> None:
-        """Tell the state, TELL_S after the last time or at once."""
+        """Send the state to the page, TELL_S after the last time or at once."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
             return
@@ -152,7 +155,7 @@ class DriveDoor:
         })  # fmt: skip
 
     def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:
-        """A drive begins, or has ended."""
+        """Record that a drive begins, or has ended if `mission` is None."""
         self._mission, self._record, self._reason = mission, None, reason
         manual_state = (
             DoorState.MANUAL
@@ -164,7 +167,7 @@ class DriveDoor:
         self.publish(at_once=True)
 
     def look(self, record: Record, truth: "Motion") -> None:
-        """Take a tick of a drive in this process."""
+        """Show a tick of a drive in this process."""
         self._record = record
         self.frames.look(record, truth, late_ms=self.pace.late_ms)
 
@@ -187,8 +190,10 @@ class DriveDoor:
             self._door.tell(message)
 
     def _viewers(self, guest: object, message: "JsonObject") -> None:
-        """The page listens, and this many look at it."""
-        if not self.listens.is_set() and not self.by_hand:  # no mission is taken: the verb has its own
+        """Record that the page listens, and its number of viewers."""
+        if (
+            not self.listens.is_set() and not self.by_hand
+        ):  # reserves the operator: missions of the page are refused
             with suppress(SafetyStop):
                 self.operator.ask(guest, "", attended=False)
                 self.operator.next()
@@ -243,12 +248,12 @@ class _PageObserver(Observer):
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         return self._door.operator.stop_reason(self._door.by_hand)
 
-    def marked(self) -> int:
-        return self._door.operator.marked()
+    def marks(self) -> int:
+        return self._door.operator.marks()
 
     def look(self, record: Record) -> None:
         self._door.look(record, self._world.truth)
 
-    def ended(self, reason: Diagnostic | None) -> list[LastLine]:
+    def end(self, reason: Diagnostic | None) -> list[LastLine]:
         self._door.drives(None, reason)
         return []

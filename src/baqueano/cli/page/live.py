@@ -1,4 +1,4 @@
-"""--page: the drives of a verb in a browser while they happen, by a page process beside it."""
+"""Show the drives of a verb in a browser during the drive (--page), by a separate page process."""
 
 import socket
 import subprocess
@@ -39,7 +39,7 @@ page = options.together(
 
 
 class LivePage:
-    """A page process and the door through which it sees the drives."""
+    """A page process, and the door through which it receives the drives."""
 
     def __init__(self, door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
         self.door, self._program = door, program
@@ -50,7 +50,7 @@ class LivePage:
         return self._program.poll() is None
 
     def wait_for_hand(self) -> None:
-        """Wait until somebody takes the wheel on the page and begins."""
+        """Wait until a person takes the lease on the page and begins to drive."""
         talk(note("cli.page-waits"))
         self.door.wait_for_hand(lambda: self.there)
 
@@ -59,7 +59,10 @@ class LivePage:
 def live_page(
     shown: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, by_hand: bool = False
 ) -> Iterator[LivePage | None]:
-    """Open a page for the drives of a verb; None where none is `shown`. It ends with the verb, whatever ends that."""
+    """Open a page for the drives of a verb, and yield it, or None if it is not `shown`.
+
+    It ends with the verb in any case.
+    """
     if not shown:
         yield None
         return
@@ -100,7 +103,7 @@ def show_both(run: Path, ghost: Path | None, folder: str) -> None:
 
 
 def needs_websockets() -> None:
-    """UsageError where the library of the page is missing."""
+    """Raise UsageError if the library of the page is missing."""
     if find_spec("websockets") is None:
         raise UsageError(fault("web.no-websockets", "pip install websockets"))
 
@@ -124,7 +127,7 @@ def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[
 
 
 def _end(program: "subprocess.Popen[bytes]") -> None:
-    """Wait until the page has said goodbye to its browsers, or end it."""
+    """Wait until the page has disconnected its browsers; end it after ENDS_S."""
     try:
         program.wait(ENDS_S)
     except (subprocess.TimeoutExpired, KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""The page of drives that were just simulated, in motion beside the work that goes on."""
+"""Play drives that were just simulated on a page, while the work continues."""
 
 import json
 import subprocess
@@ -20,17 +20,17 @@ POINTS = 200  # of the curve of costs
 
 
 class PageOfDrives:
-    """A page process that gets what to show; nothing is sent to one that has ended."""
+    """A page process that receives the drives to show; data for a process that has ended are dropped."""
 
     def __init__(self, program: "subprocess.Popen[bytes] | None") -> None:
         self._program = program
 
     def show(self, run: Path) -> None:
-        """Show a run after those before it."""
+        """Show a run after the previous ones."""
         self._send({"play": str(run.resolve())})
 
     def tuned(self, result: "TuneResult") -> None:
-        """Show how the cost fell, and the gains before and after."""
+        """Show the decrease of the cost, and the gains before and after."""
         costs = list(accumulate(result.history[:, 1].tolist(), min))
         gains = [
             {"name": gain.name, "unit": gain.unit, "before": gain.before, "value": gain.value}
@@ -52,8 +52,10 @@ class PageOfDrives:
 
 @contextmanager
 def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[PageOfDrives]:
-    """Open a page for the runs of `folder`, at a pace; wait at the end until the viewers have seen them. `shown`
-    None: where there is a display."""
+    """Open a page for the runs of `folder`, at a pace; at the end, wait until the viewers have seen them.
+
+    `shown` None opens the page if there is a display.
+    """
     if shown is None:
         shown = _display()
     if not shown:

@@ -1,4 +1,4 @@
-"""Options of the verbs that open the page, and what runs it."""
+"""Define options of the verbs that open the page, and the functions that run it."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -28,7 +28,7 @@ serving = options.together(
 
 
 def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "PageOptions":
-    """Return how the page is served. UsageError where its library is missing."""
+    """Return the options of the page. Raise UsageError if its library is missing."""
     needs_websockets()
     from baqueano.web.run import PageOptions
 

@@ -1,4 +1,4 @@
-"""baqueano serve."""
+"""Define `baqueano serve`: open the page of a vehicle in a browser."""
 
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from baqueano.cli.terminal import talk
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-GARAGE = "small"  # where there is no vehicle file
+GARAGE = "small"  # if there is no vehicle file
 
 
 @click.command(

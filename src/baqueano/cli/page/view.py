@@ -1,4 +1,4 @@
-"""baqueano view."""
+"""Define `baqueano view`: open a run in a browser."""
 
 import click
 

@@ -1,4 +1,5 @@
-"""baqueano robot: the real vehicle. `run` is what its service starts; the others look after it from anywhere."""
+"""Define `baqueano robot`: the real vehicle. Its service starts `run`; the other verbs maintain it from any
+computer."""
 
 import sys
 from pathlib import Path
@@ -34,7 +35,7 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 
     from baqueano.robot.uno.serial_port import roused
 
-    gc.disable()  # until all is loaded, by claimed(): nothing of that is garbage
+    gc.disable()  # until all is loaded, by claimed(): loading produces no garbage
     try:
         give_back = (lambda: None) if settings else roused(Path(vehicle or options.OWN_FILE))
         from baqueano.robot.service.onboard import serve
@@ -132,7 +133,7 @@ class RobotStatus:
         self.verdict = str(reply.get("state"))
 
     def rows(self) -> list["TableRow"]:
-        """Return one row; the reason for a stopped vehicle as a sentence, as its code and as its figures."""
+        """Return one row; it contains the reason of a stop as a sentence, as its code and as its figures."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 
@@ -142,7 +143,7 @@ class RobotStatus:
         return [plain | {"code": data["code"], "figures": data["figures"]}]
 
     def table(self) -> str:
-        """A line for each figure that is known."""
+        """Return a line for each known figure."""
         from baqueano.printable import in_lines
 
         (row,) = self.rows()

@@ -1,4 +1,4 @@
-"""baqueano robot settings: what the Uno keeps of its vehicle, shown and set; at a HOST by ssh."""
+"""Define `baqueano robot settings`: show and set the settings that the Uno stores, at a HOST by ssh."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from baqueano.cli.terminal import answer, talk
 
 WATCH_S = 20.0
 TURNED, SWAPPED = "straight|reversed", "straight|swapped"
-NAMES = {  # option: what is typed behind it, help; names and ranges are those of robot/uno/settings.py
+NAMES = {  # option: its values, help; names and ranges are those of robot/uno/settings.py
     "bridge": ("l298n|tb6612|l293d", "Type of the motors' bridge."),
     "encoders": ("none|single|quadrature", "Type of the encoders at D2, D4 (left) and D3, D7 (right)."),
     "left-motor": (TURNED, "Polarity of the two wires of this motor."),
@@ -85,7 +85,7 @@ def settings(
 
 
 def typed(given: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the typed values by the name of their option, without those left out."""
+    """Return the typed values by the name of their option, without omitted options."""
     changes: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
         value = given[name.replace("-", "_")]

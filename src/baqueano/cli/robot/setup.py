@@ -1,4 +1,4 @@
-"""Verbs of `baqueano robot` that make a Raspberry Pi a vehicle, and one again: card, setup, remove."""
+"""Define the verbs of `baqueano robot` that install a vehicle on a Raspberry Pi, and remove it: card, setup, remove."""
 
 from pathlib import Path
 

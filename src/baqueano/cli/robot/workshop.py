@@ -1,4 +1,4 @@
-"""Verbs of `baqueano robot` that look after the hardware: doctor, flash, calibrate; at a HOST by ssh."""
+"""Define the verbs of `baqueano robot` that maintain the hardware: doctor, flash, calibrate; at a HOST by ssh."""
 
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     if host == "here":
         with opened(file.robot, talk, in_chip_axes=True, motors=False) as floor:
             mounted_imu = find(ImuReader(floor.imu), talk)
-    else:  # its service opens the IMU by its own file, so that one is written there
+    else:  # its service uses its own vehicle file, so that file is written there
         more = ["--update"] if update else []
         mounted_imu = MountedImu.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
     answer(mounted_imu, as_json)

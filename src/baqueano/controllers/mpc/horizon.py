@@ -1,9 +1,11 @@
-"""The model over the horizon, and the quadratic program that it gives: equations (1), (2) and (4) of mpc.py.
+"""The model over the horizon, and its quadratic program: equations (1), (2) and (4) of mpc.py.
 
     J = ∂e/∂E / e_max,   P = JᵀJ + DᵀD,   q = Jᵀ (e / e_max − J E°) − Dᵀ d,   D E − d = Δε / change_max   (1)
 
-What depends on the plan alone (D) is made once. e and its slopes are one call of the engine's kernel, in steps of the
-model of LONGEST_S; before and after it are a call each for the state at the start and for the command.
+e is the error of the pose at each step, E the plan of the efforts ε. The model is linearised at the plan E°. P and q
+are those of program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
+in one call, in model steps of at most LONGEST_S. One call before it computes the state at the start, one after it the
+command.
 """
 
 from dataclasses import replace
@@ -24,15 +26,15 @@ if TYPE_CHECKING:
 
 STEPS = 12  # of the horizon
 FAR = 1e6
-LONGEST_S = 0.02  # of a step of the model, whose tyres are stiff
-NUDGE = 1e-6  # the slope of a motor at exact standstill does not exist
-SMALL = 1e-6  # of the curvature of (1), so that a command without effect stays where it is
+LONGEST_S = 0.02  # longest step of the model, because its tyres are stiff
+NUDGE = 1e-6  # effort in place of 0, where a motor is not differentiable
+SMALL = 1e-6  # added to the curvature of (1), so that a command without effect does not change
 EVEN = {"dead_zone_forward": 0.0, "dead_zone_backward": 0.0, "gain": 1.0, "limit": FAR, "coast": 0.0}
 STEADY = {"duty_step": 0.0, "sag": 0.0, "battery_effect": 0.0}
 
 
 class Quadratic(NamedTuple):
-    """A program: min ½ zᵀ P z + qᵀ z,  low ≤ A z ≤ high."""
+    """A quadratic program: min ½ zᵀ P z + qᵀ z with low ≤ A z ≤ high."""
 
     P: np.ndarray  # (m, m)
     q: np.ndarray  # (m,)
@@ -42,15 +44,15 @@ class Quadratic(NamedTuple):
 
 
 class Horizon:
-    """The model of a controller over its horizon, compiled when it is first asked."""
+    """The model of a controller over its horizon, compiled at the first use."""
 
     def __init__(self, law: "Mpc") -> None:
         even = {name: value * np.ones(1) for name, value in EVEN.items()}
         self._motors, vehicle = law.vehicle.drivetrain, law.vehicle
         body: Any = vehicle
-        self._even = replace(body, drivetrain=replace(self._motors, **even, **STEADY))  # delay and lag alone
+        self._even = replace(body, drivetrain=replace(self._motors, **even, **STEADY))  # only delay and lag
         self._limit, self._e_max = law.limit, law.e_max
-        self._alive = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) the commands with a limit above 0
+        self._alive = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
         self._k, self._step_s = len(self._alive), law.horizon_s / STEPS
         self._parts = max(1, int(np.ceil(self._step_s / LONGEST_S)))
         most = self._alive @ np.minimum(law.limit, FAR)
@@ -63,11 +65,11 @@ class Horizon:
         self._kernel = self._begin_compiled = self._command_compiled = None
 
     def at_rest(self) -> tuple[np.ndarray, np.ndarray, Tree]:
-        """Return plan (N, k), effort (k,) and drivetrain of motors that have been off for long."""
+        """Return plan (N, k), effort (k,) and drivetrain for motors that have been off for a long time."""
         return np.zeros((STEPS, self._k)), np.zeros(self._k), self._even.drivetrain.init()
 
     def motors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the rows (c, N k) of all channels in the plan, and their least and largest efforts (c,)."""
+        """Return the rows (c, N k) that map the plan to all channels, and their least and largest efforts (c,)."""
         mix = np.column_stack([self._motors.mix(row) for row in self._alive])
         most = np.minimum(np.abs(mix) @ np.minimum(self._alive @ self._limit, FAR), self._motors.limit)
         low, high = (np.tile(self._motors.static(sign * most), STEPS) for sign in (-1.0, 1.0))
@@ -76,7 +78,7 @@ class Horizon:
     def linear(
         self, plan: Plan, dt_s: float, reference: Reference, estimate: Estimate
     ) -> tuple[np.ndarray, Tree, Quadratic | None]:
-        """Return the plan (N, k) moved on, the drivetrain now, and the program; None where the model diverges."""
+        """Return the shifted plan (N, k), the present drivetrain, and the program, or None if the model diverges."""
         now = plan[1:4], dt_s, float(plan.t_ns >= 0), estimate.eta, estimate.nu, reference.eta, reference.nu
         if self._begin_compiled is None:
             self._begin_compiled = function(self._begin, *now).call
@@ -96,7 +98,7 @@ class Horizon:
         return E, drivetrain, Quadratic(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the command (n,) of an effort (k,), and the effort (k,) that it truly gives."""
+        """Return the command (n,) for an effort (k,), and the effort (k,) that this command really causes."""
         if self._command_compiled is None:
             self._command_compiled = function(self._command, effort).call
         return self._command_compiled(effort)
@@ -110,19 +112,19 @@ class Horizon:
     def _begin(
         self, before: Tree, dt_s: Value, has_plan: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
     ) -> tuple[np.ndarray, Tree, np.ndarray]:
-        """Return plan and drivetrain of now, and the start of the kernel: all numbers in one row."""
+        """Return the present plan and drivetrain, and the start of the kernel: all its numbers in one row."""
         E, effort, drivetrain = before
         drivetrain = self._even.drivetrain.step(drivetrain, self._alive.T @ effort, dt_s)[0]
         k = np.minimum(np.arange(STEPS) + has_plan * dt_s / self._step_s, STEPS - 1.0)
         E = (
             np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
-        )  # straight lines between the steps
+        )  # linear interpolation between the steps
         E = np.where(np.abs(E) < NUDGE, NUDGE * np.arange(1.0, self._k + 1.0), E)
         parts = eta, nu, drivetrain.past.ravel(), drivetrain.steps_s, drivetrain.lagged, eta_r, nu_r
         return E, drivetrain, np.concatenate(parts)
 
     def _scan(self, start: np.ndarray) -> Scan:
-        """Return the kernel: e / e_max, and the places where there are walls, at the end of each step."""
+        """Return the kernel: at the end of each step, e / e_max and the coordinates that have walls."""
         dt_s, past = self._step_s / self._parts, self._even.drivetrain.init()
         ends = np.cumsum([3, 3, past.past.size, past.steps_s.size, past.lagged.size, 3])
 

@@ -1,15 +1,15 @@
-"""Model predictive control on the user's own model: the commands of the next `horizon_s`, with their limits in the sum.
+"""Model predictive control with the user's own model: optimise the next commands within their limits.
 
     x_{k+1} = f(x_k, ε_k)                     the vehicle's own step, with the motors' delay and lag       (1)
     r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / change_max)     e against the reference at k     (2)
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
 
-ε is the effort behind the dead zone, in which the slope of a command is 0; u = drivetrain⁻¹(ε_0). The reference at k is
-that of now, driven on with its velocity: a bend is foreseen once it has begun. E° is the plan of the tick before, moved
-on by the time that has passed; one step of (3) a tick follows the optimum (real-time iteration). Where the solver
-fails, the old plan goes on and the run reports it; after FAILURES ticks the drive ends. Source: Diehl, Bock and
-Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
+x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, in which a command has zero slope; u =
+drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted once it has
+begun. E° is the previous plan, shifted by the elapsed time; one step of (3) per tick follows the optimum (real-time
+iteration). If the solver fails, the old plan continues, and the run reports it; after FAILURES ticks the drive ends.
+Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
 """
 
 from dataclasses import dataclass
@@ -34,19 +34,19 @@ FAILURES = 10  # ticks without a solution, after which the drive ends
 @documented
 @dataclass(frozen=True, eq=False)
 class Mpc:
-    """The commands that bring the vehicle onto its reference best within a horizon.
+    """Model predictive controller: it optimises the commands within a horizon to follow the reference.
 
     Parameters
     ----------
     vehicle : Vehicle
-        The identified model: a block of vehicles/, also one of yours.
+        The identified model: a block of vehicles/, or your own.
     rate_hz : float
         Ticks a second.
 
     Notes
     -----
     Equations (1)-(4) of the module. It needs the solver: `pip install osqp`. A tick takes less than 1 ms on a laptop.
-    Its step calls that solver, so nothing compiles it: it drives in `repeat` and `sweep`, and cannot be tuned.
+    Its step calls that solver, so it is not compiled: it drives in `repeat` and `sweep`, and cannot be tuned.
 
     References
     ----------
@@ -94,7 +94,7 @@ class Mpc:
         return Plan(-1, *self._horizon.at_rest(), 0)
 
     def step(self, state: Plan, reference: Reference, estimate: Estimate) -> tuple[Plan, Command]:
-        """Return the plan from here, and its first command (n,)."""
+        """Return the new plan, and its first command (n,)."""
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
         E, drivetrain, program = self._horizon.linear(state, dt_s, reference, estimate)
         solution = None if program is None else self._program.solve(program, E)
@@ -106,7 +106,7 @@ class Mpc:
         return Plan(estimate.t_ns, E, effort, drivetrain, failures), Command(estimate.t_ns, u)
 
     def diagnostic(self, state: Plan) -> Diagnostic | None:
-        """Return what the run is to hold of this tick: the first of those in which the solver failed."""
+        """Return a warning for the run at the first tick of a series in which the solver failed, else None."""
         return note("mpc.old-plan", Severity.WARNING, most=FAILURES) if state.failures == 1 else None
 
     @cached_property

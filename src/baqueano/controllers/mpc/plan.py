@@ -1,4 +1,4 @@
-"""The memory of a controller that looks ahead."""
+"""The memory of the predictive controller."""
 
 from typing import NamedTuple
 
@@ -8,18 +8,18 @@ from baqueano.vehicles.drivetrain import DrivetrainState
 
 
 class Plan(NamedTuple):
-    """Memory of a controller that looks ahead.
+    """Memory of a predictive controller between two ticks.
 
     Attributes
     ----------
     t_ns : int
         Time of the last tick; −1 before the first.
     E : ndarray (N, k) [unit of u]
-        Efforts of the next steps, of the commands that the vehicle has.
+        Efforts of the next steps, for the k commands with a limit above 0.
     effort : ndarray (k,) [unit of u]
-        Of the last command.
+        Effort of the last command.
     drivetrain : DrivetrainState
-        Delay and lag, under the commands that were given.
+        Delay and lag after the commands that were sent.
     failures : int
         Ticks in a row in which the solver failed.
     """

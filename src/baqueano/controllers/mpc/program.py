@@ -1,8 +1,8 @@
-"""A quadratic program of one size that is solved again and again, by OSQP.
+"""Solve a quadratic program of fixed size repeatedly, with OSQP.
 
     min ½ zᵀ P z + qᵀ z,    least ≤ rows z ≤ most,    low ≤ A z ≤ high                                     (1)
 
-P is dense, rows are the same each time. Source: Stellato et al., Mathematical Programming Computation, 2020.
+P is dense; `rows` are the same each time. Source: Stellato et al., Mathematical Programming Computation, 2020.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-SOLVED = (1, 2)  # also less accurately
+SOLVED = (1, 2)  # status of OSQP: solved, and solved with less accuracy
 FAR = 1e6
 SETTINGS = {
     "verbose": False, "eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 400, "polishing": False, "check_termination": 10,
@@ -22,14 +22,14 @@ SETTINGS = {
 
 
 class BoundedProgram:
-    """The solver of (1), warm from one call to the next."""
+    """The solver of (1), with a warm start from the previous call."""
 
     def __init__(self, rows: np.ndarray, least: np.ndarray, most: np.ndarray) -> None:
         self._rows, self._least, self._most = rows, least, most
-        self._program: Any = None  # of OSQP, from the first call on
+        self._program: Any = None  # an OSQP program, from the first call on
 
     def solve(self, given: Tree, start: np.ndarray) -> np.ndarray | None:
-        """Return z in the shape of `start` for P, q, A, low and high; None where no solution was found in time."""
+        """Return z in the shape of `start` for P, q, A, low and high; None if the solver does not converge in time."""
         P, q, A, low, high = given
         if self._program is None:
             self._set_up(P, q, A, low, high)
@@ -46,7 +46,7 @@ class BoundedProgram:
         return np.reshape(answer.x, start.shape) if is_solved else None
 
     def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-        """Give the solver the pattern: the upper half of P, the rows, and A dense; both are stored by columns."""
+        """Give the solver the sparsity pattern, by columns: the upper half of P, the rows, and a dense A."""
         from scipy.sparse import csc_matrix
 
         upper = np.triu(np.ones_like(P)) > 0.0
@@ -65,7 +65,7 @@ class BoundedProgram:
 
 
 def _osqp() -> Any:
-    """Return a program of the solver; UsageError where it is not installed."""
+    """Return a program of the solver; raise UsageError if it is not installed."""
     try:
         import osqp
     except ImportError as error:

@@ -1,1 +1,1 @@
-"""Ticks of a drive as messages, with its vehicle and its route."""
+"""Convert the ticks of a drive to messages, with its vehicle and its route."""

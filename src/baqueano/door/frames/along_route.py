@@ -1,8 +1,9 @@
-"""The way of a vehicle along a route, tick by tick.
+"""Follow the progress of a vehicle along a route, tick by tick.
 
-The nearest piece of the route within REACH_M of the last one, so that a crossing of an eight is never a short cut:
+The nearest segment of the route within REACH_M of the last position counts, so that the crossing of an eight is not
+taken for a short cut:
 
-    s = s_k + t · (p − p_k),  t = (p_{k+1} − p_k)/|p_{k+1} − p_k|,  cross = t × (p − p_k)                  (1)
+  s = s_k + t · (p − p_k),  t = (p_{k+1} − p_k)/|p_{k+1} − p_k|,  cross = t × (p − p_k)                  (1)
 """
 
 from typing import TYPE_CHECKING
@@ -16,13 +17,13 @@ REACH_M = 0.3
 
 
 class AlongRoute:
-    """A vehicle that begins at the route's first pose."""
+    """The progress of a vehicle that begins at the route's first pose."""
 
     def __init__(self, route: "Route") -> None:
         p = np.asarray(route.eta[:, :2], dtype=float)
         d = np.diff(p, axis=0)
         length = np.hypot(d[:, 0], d[:, 1])
-        moves = length > 1e-9  # a turn on the spot is no way
+        moves = length > 1e-9  # a turn on the spot has no length
         self._p, self._length = p[:-1][moves], length[moves]
         self._t = d[moves] / self._length[:, None]
         self._s = np.concatenate([[0.0], np.cumsum(self._length)])[:-1]
@@ -30,7 +31,7 @@ class AlongRoute:
         self._progress_m = 0.0
 
     def where(self, eta: list[float]) -> tuple[float, float]:
-        """Return the way along the route over all laps [m], and the distance from it, positive to its left [m].  (1)"""
+        """Return the progress over all laps [m], and the cross-track distance, positive to the left [m].  (1)"""
         if not len(self._s) or not np.isfinite(eta[0] + eta[1]):
             return float("nan"), float("nan")
         off = np.array(eta[:2]) - self._p

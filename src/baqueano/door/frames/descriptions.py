@@ -1,4 +1,4 @@
-"""The vehicle, its route and its mission, in the words of the door."""
+"""Describe the vehicle, its route and its mission in messages of the door."""
 
 import math
 from dataclasses import fields, is_dataclass
@@ -24,8 +24,10 @@ ROOMS = ("estimator", "guide", "controller")
 def vehicle_words(
     file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
 ) -> JsonObject:
-    """Return what a page must know of a vehicle before its first picture. `world`: simulated or real; `blocks`: those
-    that a mission takes in place of the file's, by room."""
+    """Return the description of a vehicle that a page needs before its first picture.
+
+    `world`: simulated or real; `blocks`: those that a mission takes in place of the file's, by room.
+    """
     block_kinds = blocks or {}
     kinds = {
         room: resolve(room, block_kinds[room], file.folder) if room in block_kinds else file.kind(room)
@@ -57,7 +59,7 @@ def vehicle_words(
 
 
 def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
-    """Return the numbers of the controller by their path, "controller.k_x"; none where the file lacks them."""
+    """Return the scalar gains of the controller by their path, "controller.k_x"; {} if the file lacks them."""
     try:
         controller = file.controller(kind)
     except BaqueanoError:
@@ -71,13 +73,13 @@ def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
 
 
 def numbers_in(block: object) -> list[str]:
-    """Return the names of the parameters of a block that are numbers, without the rate of its vehicle."""
+    """Return the names of the numeric parameters of a block, without the rate of its vehicle."""
     names = [field.name for field in fields(block)] if is_dataclass(block) else []
     return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
 
 
 def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
-    """Return the message of a drive's route; without a route it lacks points."""
+    """Return the message of a drive's route, with empty lists of points without a route."""
     if route is None:
         return {"is": "route", "x": [], "y": []}
     x, y = route.eta[:, 0], route.eta[:, 1]
@@ -89,7 +91,7 @@ def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObj
 
 
 def drive_words(mission: "Mission | None", rate_hz: float, record: "Record | None") -> JsonObject:
-    """Return what the state says of the mission that is driven, and of its last tick; null for what is not known."""
+    """Return the part of the state message on the present mission and its last tick, with null for unknown values."""
     t_s = 0.0 if record is None else float(seconds(record.tick.t_ns))
     return _mission_words(mission, rate_hz, t_s) | _motion_words(record)
 
@@ -109,7 +111,7 @@ def _mission_words(mission: "Mission | None", rate_hz: float, t_s: float) -> Jso
 
 
 def _motion_words(record: "Record | None") -> JsonObject:
-    """Return the figures of a tick for the person who drives."""
+    """Return the values of a tick for the person who drives."""
     if record is None:
         return {}
     nu = record.estimate.nu.tolist()

@@ -1,12 +1,12 @@
-"""The ticks of a drive as rows of numbers, for those who watch it.
+"""Convert the ticks of a drive to rows of numbers for its viewers.
 
-The thread of the loop puts each record into a ring, which takes a microsecond; the thread of the door makes its row
-once, whoever watches, and only while somebody does. The channels are those of the vehicle's sensors, so that the
-columns do not depend on the blocks that drive. What a drive does not have is null.
+The thread of the loop puts each record into a ring, which takes a microsecond. The thread of the door makes each row
+once for all viewers, and only while there are some. The channels are those of the vehicle's sensors, so that the
+columns do not depend on the blocks that drive. Missing values are null.
 
-    model    ẑ = z − y,  y the innovation                                                                  (1)
-    nis      yᵀ S⁻¹ y / m over the m innovations that arrived                                              (2)
-    progress way s along the route, over all laps; cross: distance from it, positive to its left           (3)
+  model    ẑ = z − y,  y the innovation                                                                  (1)
+  nis      yᵀ S⁻¹ y / m over the m innovations that arrived                                              (2)
+  progress distance s along the route, over all laps; cross: distance from it, positive to its left      (3)
 """
 
 import threading
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from baqueano.loop import Record
     from baqueano.vehicle_file.file import VehicleFile
 
-RING = 1024  # ticks that are kept for those who watch slowly
+RING = 1024  # ticks that are kept for slow clients
 A_TURN = (
     16  # rows that are made before the door reads again: a fast simulation makes thousands of ticks a second
 )
@@ -63,7 +63,7 @@ class Column(NamedTuple):
 
 
 class RecordedTick(NamedTuple):
-    """A tick, and the figures that its record lacks."""
+    """A tick, and the values that its record lacks."""
 
     record: "Record"
     truth: Motion | None
@@ -106,8 +106,10 @@ class DriveRows:
         self._at: tuple[int, ...] | None = ()  # the channel of each innovation; () before the first
 
     def make(self, most: int = RING) -> bool:
-        """Make rows of the first ticks that wait, and return True while others wait. Ticks that the ring lost are left
-        out."""
+        """Convert at most `most` waiting ticks to rows, and return True while others wait.
+
+        Ticks that the ring has dropped are left out.
+        """
         tick_count, waiting = self.tick_count, len(self.ticks)
         first = max(self.row_count, tick_count - waiting)
         if first > self.row_count:
@@ -119,13 +121,13 @@ class DriveRows:
         return bool(self.ticks)
 
     def skip(self) -> None:
-        """Begin with the next tick: nobody has watched the others."""
+        """Drop all ticks so far and begin with the next one, as no client has watched them."""
         self.ticks.clear()
         self.rows.clear()
         self.row_count = self.tick_count
 
     def frame(self, shown: int, columns: tuple[int, ...] | None) -> bytes | None:
-        """Return the rows after the first `shown` ones as an encoded message; None where they do not exist."""
+        """Return the rows after the first `shown` ones as an encoded message, or None without such rows."""
         number = min(self.row_count - shown, len(self.rows))
         if number <= 0:
             return None
@@ -170,12 +172,12 @@ class DriveRows:
 
 
 def _cells(row: list[float]) -> list[str]:
-    """Return the numbers as JSON, seven digits of each: a day in hundredths of a second."""
+    """Return the numbers as JSON with seven digits each, enough for hundredths of a second over a day."""
     return [f"{x:.7g}" if x - x == 0.0 else "null" for x in row]
 
 
 class Frames:
-    """The drive that goes on, or the last one. `begin` and `look` are the loop's, the rest the door's."""
+    """The present drive, or the last one. The loop calls `begin` and `look`, the door the other methods."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -186,7 +188,7 @@ class Frames:
         self, file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
         mission: "Mission | None" = None, name: str = "",
     ) -> None:  # fmt: skip
-        """A drive begins, or is expected; `name` is that of its route."""
+        """Begin a drive, or announce an expected one; `name` is the name of its route."""
         route, laps = (None, 1) if mission is None else (mission.route, mission.laps)
         drive = DriveRows(file, estimator, route)
         fields: JsonObject = {
@@ -202,13 +204,12 @@ class Frames:
     def look(
         self, record: "Record", truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
     ) -> None:
-        """Take a tick; never waits."""
+        """Store a tick, without waiting."""
         if (drive := self._drive) is not None:
             drive.ticks.append(RecordedTick(record, truth, battery_v, late_ms))
             drive.tick_count += 1
 
     def drive(self) -> tuple[DriveRows | None, list[JsonObject]]:
-        """Return the rows of the drive that goes on, or of the last one, and what one who watches must know before its
-        first frame; None before the first drive."""
+        """Return the rows of the present or last drive, or None, and the messages that precede its first frame."""
         with self._lock:
             return self._drive, self._words

@@ -1,1 +1,1 @@
-"""The service of a simulated vehicle: the words of the door, without hardware."""
+"""The service of a simulated vehicle: the protocol of the door, without hardware."""

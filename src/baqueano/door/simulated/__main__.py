@@ -1,6 +1,6 @@
-"""`python -m baqueano.door.simulated VEHICLE`: the words of the door on stdin and stdout, or at a socket.
+"""`python -m baqueano.door.simulated VEHICLE`: the protocol of the door on stdin and stdout, or at a socket.
 
-It ends with its stdin, so that it never outlives the process that started it.
+It ends with its stdin, so that it does not outlive the process that started it.
 """
 
 import argparse
@@ -19,11 +19,11 @@ from baqueano.door.sockets import Door
 from baqueano.errors import BaqueanoError
 from baqueano.vehicle_file import load
 
-SWITCH_S = 5e-4  # a loop at a fast pace never sleeps: its door would wait 5 ms after each call of the system
+SWITCH_S = 5e-4  # a fast loop never sleeps: the door would wait 5 ms after each system call
 
 
 def main(words: list[str] | None = None) -> int:
-    """Run the service; its exit code."""
+    """Run the service; return its exit code."""
     options = _parser().parse_args(words)
     try:
         file = load(options.vehicle)
@@ -48,7 +48,7 @@ def main(words: list[str] | None = None) -> int:
 
 
 def _on_pipes(door: Door, service: SimulatedService) -> None:
-    """Join stdin and stdout to the door; what blocks print goes to stderr."""
+    """Join stdin and stdout to the door; the output of blocks goes to stderr."""
     coming, going = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     near_end, far_end = socket.socketpair()

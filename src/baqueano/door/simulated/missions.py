@@ -1,13 +1,12 @@
-"""Missions by name, as a page asks for them: a kind, a shape or a stored route, and numbers. No path comes from there.
+"""Plan missions by name, as a page requests them: a kind, a shape or a stored route, and numbers, but never a path.
 
-    {kind: "teach", name, shape, size_m, speed_m_s, closed}     without a shape by hand
-    {kind: "repeat", route, laps, blocks}   room → kind, in place of the file's
-    {kind: "experiment", signal, seconds}
-    {kind: "drive"}, {kind: "first drive"}
+  {kind: "teach", name, shape, size_m, speed_m_s, closed}     by hand if `shape` is missing
+  {kind: "repeat", route, laps, blocks}   room → kind, in place of the file's
+  {kind: "experiment", signal, seconds}
+  {kind: "drive"}, {kind: "first drive"}
 
-Beside these: `seed`, `shake`, a list of faults (worlds/faults/), `hurry_s`, until which it is driven without waiting.
-
-A whole mission in JSON, as the laptop sends it to a robot, brings its own vehicle file and its own blocks.
+All kinds accept `seed`, `shake`, a list of faults (worlds/faults/), and `hurry_s`, the time until which the drive does
+not wait. A whole mission in JSON, as the laptop sends it to a robot, brings its own vehicle file and its own blocks.
 """
 
 import json
@@ -44,20 +43,20 @@ MOST_SECONDS = 3600.0
 
 @dataclass(frozen=True, eq=False)
 class MissionPlan:
-    """A mission, the vehicle file that drives it, and what becomes of it."""
+    """A mission, the vehicle file that drives it, and the options of its result."""
 
     mission: Mission
     file: "VehicleFile"
     name: str = ""  # of its route
     keep: str = ""  # the name under which a lesson's route is stored
-    closed: bool | None = None  # whether that route is closed; None: where the drive came back to its begin
+    closed: bool | None = None  # True for a closed route; None: closed if the drive returned to its start
     seed: int | None = None
     shake: tuple[Fault, ...] = ()
     hurry_s: float = 0.0  # of the drive, that pass as fast as they can be computed
 
     @property
     def start(self) -> np.ndarray:
-        """Return the pose (3,) at which it begins."""
+        """Return the pose (3,) at the start."""
         if self.mission.start:
             return np.array(self.mission.start)
         return np.zeros(3) if self.mission.route is None else self.mission.route.eta[0]
@@ -67,7 +66,10 @@ class MissionPlan:
 def planned(
     mission_json: str, file: "VehicleFile", routes: "StoredRoutes", seed: int
 ) -> Iterator[MissionPlan]:
-    """The plan of a mission in JSON, whole or by name; UsageError or FileError if it is not a mission."""
+    """Yield the plan of a mission in JSON, whole or by name.
+
+    Raise UsageError or FileError if it is not a valid mission.
+    """
     try:
         request = json.loads(mission_json)
         whole = "format" in request
@@ -90,7 +92,10 @@ def planned(
 
 
 def refreshed(file: "VehicleFile") -> "VehicleFile":
-    """Return the vehicle file as it is on disk now: gains may have been written since. FileError where it is broken."""
+    """Return the present vehicle file from the disk, as gains may have been written since.
+
+    Raise FileError if it is broken.
+    """
     if file.path is None or file.on_disk is None or read_text(file.path) == file.on_disk:
         return file
     return load(file.path)
@@ -103,23 +108,23 @@ class StoredRoutes:
         self.folder = folder
 
     def path(self, name: str) -> Path:
-        """Return the file of this name; FileError if the name is not plain."""
+        """Return the file of this name. Raise FileError if the name is not plain."""
         if not name or plain_label(name) != name:
             raise FileError(fault("door.route-name", found=repr(name)))
         return self.folder / f"{name}.csv"
 
     def read(self, name: str) -> "Route":
-        """Return the stored route; FileError where it does not exist."""
+        """Return the stored route. Raise FileError if it does not exist."""
         if not (path := self.path(name)).is_file():
             raise FileError(fault("door.no-route", found=repr(name), known=[*self.names()]))
         return read_route(path)
 
     def names(self) -> list[str]:
-        """Return the names of all."""
+        """Return the names of all stored routes."""
         return sorted(path.stem for path in self.folder.glob("*.csv") if plain_label(path.stem) == path.stem)
 
     def rows(self) -> list[JsonObject]:
-        """Return a row for each that can be read."""
+        """Return a row for each route that can be read."""
         rows: list[JsonObject] = []
         for name in self.names():
             try:
@@ -170,7 +175,7 @@ def _plan_by_name(
 
 
 def _blocks(request: JsonObject) -> dict[str, str]:
-    """Return the blocks of a repetition that are not those of the file."""
+    """Return the blocks of a repetition that replace those of the file. Raise UsageError for malformed ones."""
     blocks = request.get("blocks", {})
     is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
     if not is_mapping or not all(isinstance(kind, str) for kind in blocks.values()):

@@ -1,8 +1,8 @@
-"""The clock of a simulated drive: ticks in the time of the wall, at a pace that may change, and stand still.
+"""Clock of a simulated drive: its ticks follow wall time at a pace that may change or pause.
 
-    due_{k+1} = due_k + 1/(f · pace)                                                                       (1)
+  due_{k+1} = due_k + 1/(f · pace)                                                                       (1)
 
-A tick is never left out: where the computer is too slow for the pace by BEHIND_S, simulated time stretches.
+No tick is left out: if the computer falls BEHIND_S behind the pace, simulated time slows down.
 """
 
 import time
@@ -13,12 +13,15 @@ from baqueano.errors import Invalid
 from baqueano.signals import NANOSECONDS
 
 BEHIND_S = 0.1
-STANDING_S = 0.01  # between two looks while time stands
+STANDING_S = 0.01  # between two checks during a pause
 SLOWEST, FASTEST = 0.05, 50.0
 
 
 class PacedClock:
-    """The pace of all drives of a service. `ticks` is one drive's clock; the rest may be called from any thread."""
+    """The pace of all drives of a service.
+
+    `ticks` is the clock of one drive; each thread may call the other methods.
+    """
 
     def __init__(
         self,
@@ -28,26 +31,28 @@ class PacedClock:
     ) -> None:
         self._now_s, self._sleep = now_s, sleep
         self.paused, self.late_ms = False, 0.0
-        self._more = 0  # ticks until time stands again
+        self._more = 0  # ticks until the next pause
         self.set(factor)
 
     def set(self, factor: float) -> None:
-        """Let simulated time pass `factor` times as fast. ValueError outside [SLOWEST, FASTEST]."""
+        """Let simulated time pass `factor` times as fast. Raise Invalid outside [SLOWEST, FASTEST]."""
         if not SLOWEST <= factor <= FASTEST:
             raise Invalid(fault("door.pace", found=factor, slowest=SLOWEST, fastest=FASTEST))
         self.factor = float(factor)
 
     def pause(self) -> None:
-        """Let time stand."""
+        """Stop simulated time."""
         self.paused, self._more = True, 0
 
     def go(self, ticks: int = 0) -> None:
-        """Let time pass; for so many ticks, then it stands again."""
+        """Let simulated time pass; with `ticks` > 0 only for that many ticks."""
         self._more, self.paused = max(0, ticks), ticks > 0
 
     def ticks(self, rate_hz: float, interrupted: Callable[[], bool], hurry_s: float = 0.0) -> Iterator[int]:
-        """Yield the times of the ticks [ns], those until `hurry_s` without waiting. Once `interrupted` is true time
-        passes though it is paused: a stop is driven to its end.  (1)"""
+        """Yield the times of the ticks [ns], those until `hurry_s` without waiting.  (1)
+
+        Once `interrupted` returns True, time passes even in a pause, so that a stop can finish.
+        """
         k, due_s = 0, self._now_s()
         while True:
             if k < hurry_s * rate_hz:

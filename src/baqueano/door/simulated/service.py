@@ -1,9 +1,9 @@
-"""The service of a simulated vehicle: what robot/service is, with a simulation in place of the hardware.
+"""The service of a simulated vehicle: the counterpart of robot/service, with a simulation in place of the hardware.
 
-    idle       a mission that waits begins when the vehicle is READY
-    mission    the loop of loop.py in the time of the wall, at a pace (pace.py), into a run on disk
+  idle       a mission that waits begins when the vehicle is READY
+  mission    the loop of loop.py in wall time, at a pace (pace.py), recorded in a run on disk
 
-It hears the words of the door, and those of a simulation: pause, go {ticks}, pace {factor}, routes, shake, again
+It accepts the messages of the door, and those of a simulation: pause, go {ticks}, pace {factor}, routes, shake, again
 (shaking.py).
 """
 
@@ -44,12 +44,12 @@ if TYPE_CHECKING:
 
 Word = Callable[[object, JsonObject], JsonObject | None]
 IDLE_S, TELL_S = 0.02, 0.2
-LOOP = 4.0  # a lesson that is so many times longer than CLOSE_M, and came back, went round
+LOOP = 4.0  # a lesson this many times longer than CLOSE_M that came back is closed
 
 
 @dataclass
 class SimulatedService:
-    """The vehicle of `file` in the body of `truth`. `tell` sends a message to everybody who listens."""
+    """The vehicle of `file` in the simulated body of `truth`. `tell` sends a message to all clients."""
 
     file: "VehicleFile"
     truth: "VehicleFile"
@@ -67,13 +67,13 @@ class SimulatedService:
         self.machine, self.done = Machine(), threading.Event()
         self._drives = 0
         self._plan: MissionPlan | None = None
-        self._run: str | None = None  # that is written just now
+        self._run: str | None = None  # that is being written
         self._record: Record | None = None
         self._published_s = float("-inf")
         self.shaken = FaultWords(self.operator, lambda message: self.tell(message))
 
     def words(self) -> dict[str, Word]:
-        """Return the words that the door does not know by itself."""
+        """Return the handlers of the messages that the door does not handle itself."""
         return {
             "pause": lambda guest, request: self._while_holding(guest, self.pace.pause),
             "go": lambda guest, request: self._while_holding(guest, lambda: self.pace.go(int(request.get("ticks", 0)))),
@@ -84,7 +84,7 @@ class SimulatedService:
         }  # fmt: skip
 
     def run(self) -> None:
-        """Run until `done`."""
+        """Run until `done` is set."""
         self.frames.begin(self.file, "simulated", self.seed)
         while not self.done.is_set():
             self.idle()
@@ -95,7 +95,7 @@ class SimulatedService:
                 time.sleep(IDLE_S)
 
     def idle(self) -> None:
-        """Look at stops and their end while nothing drives."""
+        """Handle stops and their clearing while the vehicle does not drive."""
         machine = self.machine
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
@@ -108,7 +108,7 @@ class SimulatedService:
         self.publish()
 
     def take(self, mission_json: str, attended: bool, name: str = "") -> None:
-        """Drive a mission, and tell how the one of this name ended; nothing that is wrong with it ends the service."""
+        """Drive a mission, and report how the one of this name ended; its errors do not end the service."""
         self._drives += 1
         outcome: JsonObject = {"is": "done", "id": name, "run": None}
         reason, code = outcome_of(lambda: self._drive_mission(mission_json, attended, outcome))
@@ -119,7 +119,7 @@ class SimulatedService:
         self.shaken.ask_again()
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
-        """Drive a mission to its end or its stop, and write how it ended into `outcome`."""
+        """Drive a mission until it ends or is stopped, and write the result into `outcome`."""
         self.file = refreshed(self.file)
         with planned(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
@@ -143,13 +143,13 @@ class SimulatedService:
                 release(path)
 
     def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
-        """Return why the vehicle was stopped, None if nothing stopped it."""
+        """Drive a plan, and return the reason of the stop, or None if nothing stopped the vehicle."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
         world = ShakenWorld(
             truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend, plan.shake
         )
-        self.operator.marked()  # those of before this drive
+        self.operator.marks()  # those of before this drive
         watching = _DriveObserver(self, plan, world, attended)
         observers = (
             watching,
@@ -180,7 +180,7 @@ class SimulatedService:
             self.publish()
 
     def _stored_lesson(self, plan: MissionPlan, path: Path) -> JsonObject:
-        """Store the route of a lesson; return its name, or why it was not stored."""
+        """Store the route of a lesson; return its name, or the reason why it was not stored."""
         try:
             run = read_run(path)
             route, closed = route_of(run), plan.closed
@@ -193,12 +193,12 @@ class SimulatedService:
             return {"why": error.diagnostic, "code": error.exit_code}
         return {"route": plan.keep}
 
-    def event(self, level: str, what: Diagnostic) -> None:
-        """Tell what happened."""
-        self.tell({"is": "event", "level": level, "said": what})
+    def event(self, level: str, event: Diagnostic) -> None:
+        """Send an event to all clients."""
+        self.tell({"is": "event", "level": level, "said": event})
 
     def publish(self, at_once: bool = False) -> None:
-        """Tell the state, TELL_S after the last time or at once."""
+        """Send the state to all clients, TELL_S after the last time or at once."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
             return
@@ -215,12 +215,15 @@ class SimulatedService:
         )  # fmt: skip
 
     def end(self) -> None:
-        """Stop the vehicle, and end the service. From any thread, or a signal."""
+        """Stop the vehicle, and end the service; callable from each thread and from a signal handler."""
         self.operator.stop(stop(StopReason.SERVICE_ENDED))
         self.done.set()
 
     def _while_holding(self, guest: object, act: Callable[[], object]) -> None:
-        """`act`, of the holder, or of anybody while nothing drives."""
+        """Call `act`, for the holder, or for each client while no mission is under way.
+
+        Raise SafetyStop otherwise.
+        """
         if self.operator.taken and not self.operator.holds(guest):
             raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
         act()
@@ -245,16 +248,16 @@ class _DriveObserver(Observer):
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         return self._service.operator.stop_reason(self._attended)
 
-    def marked(self) -> int:
-        return self._service.operator.marked()
+    def marks(self) -> int:
+        return self._service.operator.marks()
 
     def look(self, record: Record) -> None:
         self._service._record = record
         self._service.frames.look(record, self._world.truth, late_ms=self._service.pace.late_ms)
 
-    def unlogged(self, what: Diagnostic) -> None:
-        self._service.event("error", what)
+    def on_disk_full(self, reason: Diagnostic) -> None:
+        self._service.event("error", reason)
 
-    def ended(self, reason: Diagnostic | None) -> list[LastLine]:
+    def end(self, reason: Diagnostic | None) -> list[LastLine]:
         self.over, self.stopped = True, reason
         return []

@@ -1,11 +1,11 @@
-"""Faults of the drive that goes on, the ledger of who noticed them, and the same drive again without them.
+"""Handle faults of the present drive, the ledger of the checks that noticed them, and a repeated drive without them.
 
-    shake {kind, …}              a fault that begins with the next tick, by the fields of worlds/faults/fault.py
-    shake {over: number}         it ends
-    again {from_s, without}      the same mission with the same seed, without the faults of these numbers, or without
-                                 any; until `from_s` as fast as it can be computed. The drive that goes on ends first
-    ledger {rows}                said when something changes: number, t_s, until_s, over, what, noticed [who, after_s,
-                                 said], silent [who], nobody
+  shake {kind, …}              a fault that begins with the next tick, with the fields of worlds/faults/fault.py
+  shake {over: number}         it ends
+  again {from_s, without}      the same mission with the same seed, without the faults of these numbers, or without
+                               any; until `from_s` as fast as it can be computed. The present drive ends first
+  ledger {rows}                sent when something changes: number, t_s, until_s, over, what, noticed [who, after_s,
+                               said], silent [who], nobody
 
 `what`, `said` and `nobody` are diagnostics.
 """
@@ -32,7 +32,7 @@ EVERY_S = 0.5  # of the drive, between ledgers while a fault is watched
 
 
 class FaultWords:
-    """The words of faults, for one service."""
+    """The handler of the messages on faults, for one service."""
 
     def __init__(self, operator: "Operator", tell: "Callable[[JsonObject], None]") -> None:
         self._operator, self._tell = operator, tell
@@ -42,18 +42,18 @@ class FaultWords:
         self._next_mission: tuple[object, JsonObject, bool, float] | None = None
 
     def begin(self, plan: "MissionPlan", world: "ShakenWorld", mission_json: str, attended: bool) -> Observer:
-        """A drive begins; its observer."""
+        """Begin a drive, and return its observer."""
         mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
         self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
         self._world, self._last = world, (mission, attended, world)
         return _LedgerKeeper(self, plan, world)
 
-    def ended(self) -> None:
-        """The drive is over."""
+    def end(self) -> None:
+        """Record that the drive has ended."""
         self._world = None
 
     def take(self, request: JsonObject) -> None:
-        """Let a fault begin or end. UsageError where nothing drives, or for a wrong fault."""
+        """Begin or end a fault. Raise UsageError if nothing drives, or for an invalid fault."""
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
         if "over" in request:
@@ -62,7 +62,7 @@ class FaultWords:
             world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
 
     def again(self, guest: object, request: JsonObject) -> None:
-        """Ask for the last mission again. UsageError where nothing was driven, or a hand drove it."""
+        """Request the last mission again. Raise UsageError without a previous mission, or if a person drove it."""
         if self._last is None:
             raise UsageError(fault("shake.no-mission"))
         if self._by_hand:
@@ -81,7 +81,7 @@ class FaultWords:
             self.ask_again()
 
     def ask_again(self) -> None:
-        """Ask for the mission that was wanted again, now that nothing drives."""
+        """Queue the mission that is to be repeated, now that no mission is under way."""
         if self._next_mission is None:
             return
         (guest, mission, attended, silence_s), self._next_mission = self._next_mission, None
@@ -93,12 +93,12 @@ class FaultWords:
             self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
 
     def tell(self, ledger: Ledger) -> None:
-        """Tell the ledger."""
+        """Send the ledger to all clients."""
         self._tell({"is": "ledger", "rows": [_row(ledger, row) for row in ledger.rows]})
 
 
 class _LedgerKeeper(Observer):
-    """Keeps the ledger of a drive, and tells it when it changes."""
+    """Observer that keeps the ledger of a drive, and sends it when it changes."""
 
     def __init__(self, faults: FaultWords, plan: "MissionPlan", world: "ShakenWorld") -> None:
         self._faults, self._file, self._world = faults, plan.file, world
@@ -109,9 +109,9 @@ class _LedgerKeeper(Observer):
         self._ledger = Ledger(self._file, blocks.estimator)
         return blocks
 
-    def happened(self, t_ns: int, source: str, what: Diagnostic | str) -> None:
+    def on_event(self, t_ns: int, source: str, event: Diagnostic | str) -> None:
         if self._ledger is not None:
-            self._ledger.happened(t_ns, source, what)
+            self._ledger.on_event(t_ns, source, event)
             self._changed = self._changed or bool(self._ledger.rows)
 
     def look(self, record: "Record") -> None:
@@ -129,8 +129,8 @@ class _LedgerKeeper(Observer):
             self._changed, self._published_s = False, t_s
             self._faults.tell(ledger)
 
-    def ended(self, reason: Diagnostic | None) -> "Iterable[LastLine]":
-        self._faults.ended()
+    def end(self, reason: Diagnostic | None) -> "Iterable[LastLine]":
+        self._faults.end()
         if self._ledger is not None and self._ledger.rows:
             self._faults.tell(self._ledger)
         return ()
@@ -142,7 +142,7 @@ def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
         "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
         "fault": row.fault.to_json(), "what": row.message,
         "noticed": [
-            {"who": note(f"ledger.who-{notice.who}"), "after_s": notice.after_s, "said": notice.message}
+            {"who": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "said": notice.message}
             for notice in row.noticed
         ],
         "silent": [note(f"ledger.who-{source}") for source in row.silent()], "nobody": ledger.nobody(row),

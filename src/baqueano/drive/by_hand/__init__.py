@@ -1,9 +1,9 @@
-"""A person who drives: keys, a game pad and a screen, as one hand; `Cockpit` puts them together.
+"""Let a person drive: keys, a game pad and a screen, combined into one hand by `Cockpit`.
 
-keys, pad        what a terminal or a game pad sends, as events
-tty, evdev       the devices they come from
+keys, pad        the input of a terminal or a game pad, as events
+tty, evdev       the devices from which they come
 key_hold         events → direction and speed
-terminal_heartbeat   whether the terminal is still there
-screen, dead_zone    what the person is shown
-heading_gains        gains of the heading hold, by the vehicle file
+terminal_heartbeat   test if the terminal is still connected
+screen, dead_zone    the display for the driver
+heading_gains        gains of the heading hold, from the vehicle file
 """

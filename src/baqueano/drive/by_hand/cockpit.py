@@ -1,18 +1,17 @@
-"""A person who drives: keys, a game pad, a screen, and a sign of life of the terminal, as one hand.
+"""Combine keys, a game pad, a screen and a heartbeat of the terminal into one hand, for a person who drives.
 
-    u = share · limit · (ahead, 0, to the left) · min(1, FAR_MS / T)                                      (1)
+  u = share · limit · (ahead, 0, to the left) · min(1, FAR_MS / T)                                      (1)
 
-T is the way there and back, from the fingers to the vehicle: who sees late drives slowly, so that what is driven
-unseen is no longer than at FAR_MS.
+T is the round-trip time between the driver and the vehicle. A driver who sees the vehicle late drives slowly, so that
+the distance driven unseen is not longer than at FAR_MS.
 
-What it asks for besides a command goes two ways: `words` for a vehicle that is reached by a door (door/remote.py),
-`stop_reason` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
+Other requests go two ways: `words` for a vehicle behind a door (door/remote.py), `stop_reason` and `marks` for a world
+in this process. Either way the vehicle is stopped, and stays stopped, if the driver wants it (space, a button of the
+pad), the terminal is gone (no answer for 0.35 s, or closed), the pad was unplugged, or another process ends the
+program (SIGHUP, SIGTERM).
 
-    the driver wants it (space, a button of the pad)         the terminal is gone: no answer for 0.35 s, or its end
-    the pad was unplugged                                    another process ends the program (SIGHUP, SIGTERM)
-
-A terminal that answers no question cannot tell that it is there. It drives by the letters that it repeats, each for
-its time (key_hold.py), and no set-point is latched for it.
+A terminal that answers no query cannot confirm that it is connected. It drives by the letters that it repeats, each
+valid for a limited time (key_hold.py), and it cannot latch a set-point.
 """
 
 import time
@@ -55,11 +54,11 @@ MORE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key a
 
 
 class Cockpit(Observer):
-    """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
+    """`with Cockpit(file.command.limit) as hand: …`; `hand()` returns the present command (n,) of the driver.
 
-    `hold`: the heading is held where it goes straight on, which is shown. `drivetrain`: that of the vehicle file, whose
-    dead zone is reported where a command stays below it.
-    `trusted` False: something other than the terminal itself answers (tmux on the vehicle).
+    `hold`: the heading is held on straight motion, and the screen shows it. `drivetrain`: the one of the vehicle file,
+    whose dead zone is reported if a command stays below it.
+    `trusted` False: a program other than the terminal itself answers (tmux on the vehicle).
     """
 
     def __init__(
@@ -114,7 +113,10 @@ class Cockpit(Observer):
             self._pad.close()
 
     def __call__(self) -> np.ndarray:
-        """The command (n,) wanted now.  KeyboardInterrupt once the driver has ended the drive."""
+        """Return the present command (n,) of the driver.
+
+        Raise KeyboardInterrupt once the driver has ended the drive.
+        """
         unsent = self._new_marks and self._sent_marks < self._marks
         if self._ended and not unsent:
             raise KeyboardInterrupt
@@ -130,26 +132,26 @@ class Cockpit(Observer):
 
     @property
     def near(self) -> float:
-        """Return the share of the speed at this delay of the picture, (0, 1]."""
+        """Return the share of the speed, in (0, 1], at the present delay of the picture."""
         delays = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
         return min(1.0, FAR_MS / max(sum(delays), 1e-3))
 
     def stop(self, reason: Diagnostic) -> None:
-        """Stops the vehicle for this reason, for good."""
+        """Stop the vehicle for this reason, permanently."""
         self._stop = self._stop or reason
         self.status.reason = text(self._stop)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return why the vehicle must be stopped; None if it may go on."""
+        """Return the reason to stop the vehicle, or None if it may continue."""
         return self._stop
 
-    def marked(self) -> int:
-        """Return the number of "on the mark" since the last call."""
+    def marks(self) -> int:
+        """Return how often the driver has pressed "on the mark" since the last call."""
         new, self._new_marks = self._new_marks, 0
         return new
 
     def words(self) -> list[TableRow]:
-        """Return the driver's messages to the vehicle besides the command, since the last call."""
+        """Return the driver's messages to the vehicle other than the command, since the last call."""
         commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._sent_marks)
         self._sent_marks = self._marks
         if self._stop and not self._stop_sent:
@@ -158,7 +160,7 @@ class Cockpit(Observer):
         return commands
 
     def look(self, record: Record) -> None:
-        """A tick of a world in this process, for the screen."""
+        """Show a tick of a world in this process on the screen."""
         self.status.applied = np.asarray(record.tick.u)
         self._update_hold(record.requested.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
@@ -168,7 +170,7 @@ class Cockpit(Observer):
         self.status.degraded = text(shown(record.degraded))
 
     def show(self, state: JsonObject) -> None:
-        """Take the state of a vehicle for the screen."""
+        """Show the state of a vehicle on the screen."""
         s = self.status
         s.state, s.reason = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
@@ -179,19 +181,21 @@ class Cockpit(Observer):
             self._update_hold(state.get("requested", state["u"]))
 
     def say(self, line: str) -> None:
-        """A line for the driver."""
+        """Show a line to the driver."""
         self.status.line = line
 
     def _update_hold(self, requested: Sequence[float] | np.ndarray) -> None:
-        """Return the request to the motors where the driver wants straight on, for the screen."""
+        """Update the turn command of the heading hold for the screen, NaN unless the driver drives straight on."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
             straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
     def _standstill_reason(self) -> str:
-        """Return why nothing moves although the driver wants motion, in the words of the screen. The nudge of a tap is
-        over too soon for a reason."""
+        """Return the reason why the vehicle stays at rest although the driver commands motion, as text for the screen.
+
+        "" during the nudge of a tap, which is too short for a reason.
+        """
         by_pad = self._pad is not None and self._pad.holds
         short = None
         if by_pad or not self._key_hold.nudges:
@@ -205,7 +209,7 @@ class Cockpit(Observer):
         )  # fmt: skip
 
     def _meet(self) -> None:
-        """Asks the terminal what it is: does it answer, does it tell releases."""
+        """Query the terminal: does it answer, and does it report key releases?"""
         start, releases = self._now(), False
         if self._line.answers:
             self._line.write(ASK_KITTY)
@@ -230,7 +234,7 @@ class Cockpit(Observer):
             self.say(_("this terminal does not confirm that it is alive: each key counts for a short time"))
 
     def _listen(self, now_s: float) -> None:
-        """Return the driver's events since the last call."""
+        """Process the driver's events since the last call."""
         self._life.look(now_s)
         events = self._line.read()
         if events is None:
@@ -271,7 +275,7 @@ class Cockpit(Observer):
                 self._latch()
 
     def _latch(self) -> None:
-        """Between latched set-points and keys that are held; nothing is wanted at first."""
+        """Switch between latched set-points and held keys; the command is zero at first."""
         if not self._life.answers:
             return
         self._key_hold.let_go()

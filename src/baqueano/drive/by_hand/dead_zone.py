@@ -1,6 +1,7 @@
-"""Test if a command moves any motor: below the dead zone of all of them the vehicle stays, and no sensor says why.
+"""Test if a command moves any motor: below the dead zone of all motors the vehicle stays at rest, without a sensor
+message.
 
-    motor j turns where  w_j > forward_j  or  −w_j > backward_j,   w = the mixed command                   (1)
+  motor j turns if  w_j > forward_j  or  −w_j > backward_j,   w = the mixed command                     (1)
 
 vehicles/drivetrain.py (2), (5), at the nominal voltage.
 """
@@ -13,15 +14,16 @@ from baqueano.vehicles.drivetrain import Drivetrain
 
 
 class Short(NamedTuple):
-    """A command that moves nothing, of the motor that is nearest to moving. In the unit of the command."""
+    """A command that moves no motor: the channel nearest to motion and its dead zone, in the unit of the command."""
 
     channel: float
     dead_zone: float
 
 
 def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> Short | None:
-    """Return what a command u (n,) lacks to turn a motor; None where one turns, where u asks for no
-    motion, and where the file gives no dead zone. `drivetrain` may be None: a vehicle without one.
+    """Return the motor command that is nearest to motion, if a command u (n,) turns no motor; None otherwise.
+
+    It is None also if u is zero. `drivetrain` may be None, for a vehicle without one.
 
     >>> from baqueano.vehicle_file import load
     >>> short_of_motion(load("small").vehicle.drivetrain, np.array([0.2, 0.0, 0.0]))

@@ -1,11 +1,11 @@
-"""A device of Linux's input layer, /dev/input/eventN: what it can do, how it is now, what happened to it.
+"""Read a device of Linux's input layer, /dev/input/eventN: its abilities, its present state and its events.
 
-    struct input_event     long sec, long µs, u16 kind, u16 code, s32 value: 24 bytes, 16 in a program of 32 bits    (1)
-    struct input_absinfo   s32 value, low, high, fuzz, flat, resolution                                              (2)
-    request                direction << 30 | bytes << 16 | 'E' << 8 | number                                         (3)
+  struct input_event     long sec, long µs, u16 kind, u16 code, s32 value: 24 bytes, 16 in a program of 32 bits    (1)
+  struct input_absinfo   s32 value, low, high, fuzz, flat, resolution                                              (2)
+  request                direction << 30 | bytes << 16 | 'E' << 8 | number                                         (3)
 
-Source: the kernel's include/uapi/linux/input.h, input-event-codes.h and asm-generic/ioctl.h. (1) follows the program
-that reads, not the kernel: its `long` decides, which "@l" of struct is.
+Source: the kernel's include/uapi/linux/input.h, input-event-codes.h and asm-generic/ioctl.h. The layout (1) depends on
+the program that reads, not on the kernel: its `long` decides, which is "@l" of struct.
 """
 
 import errno
@@ -42,12 +42,12 @@ class Axis(NamedTuple):
 
 
 def request(number: int, size: int) -> int:
-    """The code of a call that reads `size` bytes.  (3)"""
+    """Return the code of an ioctl call that reads `size` bytes.  (3)"""
     return 2 << 30 | size << 16 | ord("E") << 8 | number
 
 
 class InputDevice:
-    """The device at `path`. OSError where it cannot be opened, or is another kind."""
+    """The device at `path`. Raise OSError if it cannot be opened, or is another kind of device."""
 
     def __init__(self, path: Path, long_bytes: int = struct.calcsize("@l")) -> None:
         import fcntl
@@ -62,12 +62,12 @@ class InputDevice:
             raise
 
     def axis(self, code: int) -> Axis:
-        """Return the state of this axis. OSError once the device is gone, as from all functions here."""
+        """Return the state of this axis. Raise OSError once the device is gone, as all functions here do."""
         value, low, high, _, flat, _ = AXIS.unpack(self._query(0x40 + code, AXIS.size))
         return Axis(value, low, high, flat)
 
     def down(self) -> set[int]:
-        """The keys that are held now."""
+        """Return the codes of the keys that are held now."""
         return _numbers(self._query(0x18, KEYS // 8))
 
     def read(self) -> list[InputEvent]:
@@ -83,7 +83,7 @@ class InputDevice:
             events += [InputEvent(*fields[2:]) for fields in self._event.iter_unpack(data)]
 
     def close(self) -> None:
-        """Closes the file."""
+        """Close the file."""
         os.close(self._fd)
 
     def _bits(self, kind: int, most: int) -> set[int]:

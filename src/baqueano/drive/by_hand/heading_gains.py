@@ -1,9 +1,9 @@
-"""Gains of the heading hold for the vehicle of a file.
+"""Compute the gains of the heading hold for the vehicle of a file.
 
-    model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the limit ahead
-                                                 T = delay + lag + 1.5 ticks + LINK_S
+  model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the limit ahead
+                                               T = delay + lag + 1.5 ticks + LINK_S
 
-A model that was never fitted is a guess: it is taken as turning DOUBT times as hard.
+A model that was never fitted is a guess: it is assumed to turn DOUBT times as strongly.
 """
 
 from math import inf
@@ -28,7 +28,7 @@ SLOWEST_S = 10.0  # a τ beyond is of no matter for (3)
 
 
 def holding(hand: Controller, vehicle_file: VehicleFile) -> Controller:
-    """`hand`, a controller, with the heading held; unchanged where `gains_of` gives nothing."""
+    """Return `hand`, a controller, with the heading held; unchanged if `gains_of` returns None."""
     gains = gains_of(vehicle_file)
     if gains is None:
         return hand
@@ -51,7 +51,10 @@ def _gyro_of(vehicle_file: VehicleFile) -> Gyro | None:
 
 
 def gains_of(vehicle_file: VehicleFile) -> Gains | None:
-    """Return the gains for the file's model; None for a vehicle without a gyro or without a command to turn."""
+    """Return the gains for the file's model.
+
+    None for a vehicle without a gyro, without a turn command, or whose turn response is too small to measure.
+    """
     limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
     if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
         return None
@@ -75,8 +78,10 @@ def _limit(vehicle_file: VehicleFile) -> np.ndarray:
 def _answer(
     vehicle: DynamicVehicle, limit: np.ndarray, share: float, rate_hz: float
 ) -> tuple[float, float, float]:
-    """Speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at this share of the limit ahead, by r⁺ = a r + (1 − a) k u_ψ
-    over a tick δ, a = e^(−δ/τ)."""
+    """Return speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at this share of the limit ahead.
+
+    They follow from r⁺ = a r + (1 − a) k u_ψ over a tick δ, with a = e^(−δ/τ).
+    """
     u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
     u[0], du[-1] = share * limit[0], STEP * limit[-1]
     state, drivetrain = vehicle.init(), vehicle.drivetrain

@@ -1,15 +1,15 @@
-"""Keys as a direction. The time that a key counts depends on the reports of the terminal.
+"""Convert keys to a direction. The time for which a key counts depends on the reports of the terminal.
 
-    RELEASES   a key counts from its press to its release                                                     (1)
-    REPEATS    the terminal tells neither, only letters: a key counts
-                 until T₁ after its press, and then until T₂ after its last repeat                            (2)
-                 T₁ = 0.75 s, once known 1.5 · median delay in [0.3, 0.75] s
-                 T₂ = 0.20 s, once known 3 · median gap + 8 · median |gap − median| in [0.12, 0.35] s
-               and until the first repeat at NUDGE of the speed: a tap is a nudge
-    LATCHED    each press moves a set-point by STEP, which holds                                              (3)
+  RELEASES   a key counts from its press to its release                                                     (1)
+  REPEATS    the terminal reports neither, only letters: a key counts
+                until T₁ after its press, and then until T₂ after its last repeat                           (2)
+                T₁ = 0.75 s, or 1.5 · median delay in [0.3, 0.75] s once it is known
+                T₂ = 0.20 s, or 3 · median gap + 8 · median |gap − median| in [0.12, 0.35] s once it is known
+             and until the first repeat at NUDGE of the speed: a tap is a nudge
+  LATCHED    each press moves a set-point by STEP, which stays                                              (3)
 
-The spread in T₂ is for the jitter of the network; docs/benchmarks.md has what it costs. In (2) a terminal repeats the
-newest key alone, so keys that were held when it began go on with it, and end with it.
+The spread in T₂ covers the jitter of the network; docs/benchmarks.md states its cost. In (2) a terminal repeats only
+the newest key. Keys that were held when it began therefore continue with it, and end with it.
 """
 
 from collections import deque
@@ -33,7 +33,7 @@ LEAST_DELAY_S = 0.15  # no keyboard repeats sooner: two quick taps
 
 
 class KeyHold:
-    """The wanted direction (ahead, to the left), each in [-1, 1], from keys."""
+    """The direction (ahead, to the left) that the driver commands by keys, each in [-1, 1]."""
 
     def __init__(self, way: str = REPEATS) -> None:
         self.way = way
@@ -45,14 +45,14 @@ class KeyHold:
 
     @property
     def first_s(self) -> float:
-        """T₁ of (2)."""
+        """Return T₁ of (2) [s]."""
         if len(self._delays) < KNOWN:
             return FIRST_S
         return min(max(FIRST_PART * median(self._delays), FIRST_LEAST_S), FIRST_S)
 
     @property
     def gap_s(self) -> float:
-        """T₂ of (2)."""
+        """Return T₂ of (2) [s]."""
         if len(self._gaps) < KNOWN:
             return GAP_S
         gap_s = median(self._gaps)
@@ -70,7 +70,7 @@ class KeyHold:
         self._newest, self._repeats, self._set = "", 0, (0.0, 0.0)
 
     def hear(self, event: KeyEvent, now_s: float) -> None:
-        """Take an event at this time [s]."""
+        """Process an event at this time [s]."""
         if event.kind == LEFT_WINDOW or (event.kind == PRESS and event.key in ZERO):
             self.let_go()
         elif event.key not in WAYS:
@@ -86,7 +86,7 @@ class KeyHold:
             self._repeat(event.key, now_s)
 
     def direction(self, now_s: float) -> tuple[float, float]:
-        """(ahead, to the left) at this time [s]."""
+        """Return (ahead, to the left) at this time [s], each in [-1, 1]."""
         if self.way == LATCHED:
             return self._set
         if self.way == REPEATS and not self._counts(now_s):
@@ -99,7 +99,7 @@ class KeyHold:
         return now_s - self._last_event_s <= (self.gap_s if self._repeats else self.first_s)
 
     def _repeat(self, key: str, now_s: float) -> None:
-        """A letter in (2): the repeat of one that is held, or a press."""
+        """Process a letter in (2): the repeat of a held key, or a press."""
         counts, gap_s = self._counts(now_s), now_s - self._last_event_s
         if key == self._newest and counts:
             self._learn(gap_s)
@@ -116,7 +116,10 @@ class KeyHold:
         self._last_event_s = now_s
 
     def _learn(self, gap_s: float) -> None:
-        """The first wait is a delay only if more follow soon: two taps do not count."""
+        """Store the time since the last repeat.
+
+        The first delay is stored only if a second repeat follows: two taps do not count.
+        """
         if self._repeats == 0:
             self._delay_s = gap_s
             return
@@ -126,5 +129,5 @@ class KeyHold:
 
 
 def _clip(ahead: float, left: float) -> tuple[float, float]:
-    """Both within [-1, 1], without the dust of sums."""
+    """Return both numbers clipped to [-1, 1], without the rounding errors of sums."""
     return round(min(max(ahead, -1.0), 1.0), 6), round(min(max(left, -1.0), 1.0), 6)

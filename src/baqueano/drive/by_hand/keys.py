@@ -1,14 +1,14 @@
-"""The bytes of a terminal, as pressed, repeated and released keys, and as its answers.
+"""Decode the bytes of a terminal into pressed, repeated and released keys, and into its answers.
 
-    w, ESC [ A, ESC O A                     a key; a plain terminal tells neither repeats nor releases         (1)
-    ESC [ code ; modifiers : kind u         the same where it was asked for both (kitty's protocol)            (2)
-    ESC [ 1 ; modifiers : kind A            an arrow there; kind 1 pressed, 2 repeated, 3 released             (3)
-    ESC [ 0 n                               "I am well", the answer to ESC [ 5 n                               (4)
-    ESC [ ? flags u                         it knows (2)                                                       (5)
-    ESC [ O                                 the window lost the keyboard, where it was asked to say so         (6)
+  w, ESC [ A, ESC O A                     a key; a plain terminal reports neither repeats nor releases       (1)
+  ESC [ code ; modifiers : kind u         the same if both were requested (kitty's protocol)                 (2)
+  ESC [ 1 ; modifiers : kind A            an arrow in that protocol; kind 1 press, 2 repeat, 3 release       (3)
+  ESC [ 0 n                               "ready", the answer to the query ESC [ 5 n                         (4)
+  ESC [ ? flags u                         the terminal supports (2)                                          (5)
+  ESC [ O                                 the window lost the keyboard focus, if that report was requested   (6)
 
 Source: ECMA-48 for the form of a sequence and (4); the description of kitty's keyboard protocol for (2), (3), (5);
-xterm's for (6). Of (2) the key is the first code point alone, in small letters.
+xterm's for (6). The key of (2) is only the first code point, as a small letter.
 """
 
 import re
@@ -27,20 +27,20 @@ _BEGUN = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
 
 
 class KeyEvent(NamedTuple):
-    """A key or an answer of a terminal."""
+    """An event: a key, or an answer of the terminal."""
 
     kind: str  # PRESS, REPEAT, RELEASE of a key; ALIVE, KITTY, LEFT_WINDOW
     key: str = ""  # "w", "up", " ", "ctrl-c"
 
 
 class KeyDecoder:
-    """Bytes as they come, in pieces cut anywhere, to events."""
+    """A decoder of bytes to events; a sequence may be cut at any place between two calls."""
 
     def __init__(self) -> None:
         self._rest = ""
 
     def feed(self, data: bytes) -> list[KeyEvent]:
-        """The events that these bytes complete. A sequence nobody knows is left out."""
+        """Return the events that these bytes complete. Unknown sequences are ignored."""
         text, self._rest = self._rest + data.decode("utf-8", errors="ignore"), ""
         events, at = [], 0
         while at < len(text):

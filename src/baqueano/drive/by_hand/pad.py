@@ -1,15 +1,14 @@
-"""A game pad: found among the devices of Linux's input layer, and what its stick and buttons want of the vehicle.
+"""Drive by a game pad: find it among the devices of Linux's input layer, and read its stick and buttons.
 
-    x = (value − middle) / half its range,  ahead = −x of Y,  to the left = −x of X                       (1)
-    0 within the larger of REST and the kernel's flat, from there on in proportion up to 1                (2)
+  x = (value − middle) / half its range,  ahead = −x of Y,  to the left = −x of X                       (1)
+  0 within the larger of REST and the kernel's flat, from there on in proportion up to 1                (2)
 
 A pad has a stick (ABS_X, ABS_Y) and one of HOLD, the buttons under the first fingers. It drives while one of them is
-held: a pad that falls on the floor drives nothing. Nor does one drive whose stick and HOLD have not been let go once
-since it was opened: the kernel says 0 of an axis that has not moved yet, which of many pads is one end of its way.
-
-Where the kernel had to drop events the state is asked anew; until then the pad drives nothing. A pad that was
-unplugged is gone, and that stops the vehicle. One that is linked by radio and loses it goes only when the kernel gives
-it up, seconds later: use a cable.
+held, so that a pad that falls on the floor does not drive. It also does not drive until stick and HOLD have been
+released once since it was opened: for an axis that has not moved yet the kernel reports 0, which on many pads is one
+end of its range. If the kernel had to drop events, the state is read again; until then the pad does not drive.
+Unplugging a pad stops the vehicle. A pad linked by radio counts as unplugged only when the kernel gives it up, seconds
+after the link is lost: use a cable.
 """
 
 import re
@@ -31,7 +30,7 @@ GROUP = "sudo usermod -aG input $USER, then log in again"
 
 
 class Pad:
-    """The pad that `device` is."""
+    """The game pad of `device`."""
 
     def __init__(self, device: InputDevice) -> None:
         self._device, self.name, self.gone = device, device.name, False
@@ -42,7 +41,7 @@ class Pad:
         self._look()
 
     def read(self) -> list[int]:
-        """The buttons that were pressed since the last time."""
+        """Return the buttons that were pressed since the last call."""
         if self.gone:
             return []
         buttons: list[int] = []
@@ -56,12 +55,12 @@ class Pad:
 
     @property
     def holds(self) -> bool:
-        """Return True if it drives: a button of HOLD is pressed."""
+        """Return True if the pad drives: a button of HOLD is pressed."""
         return self._let_go and not self._overrun and not self.gone and bool(self._down & HOLD)
 
     @property
     def hint(self) -> str:
-        """Return the hint for its driver."""
+        """Return a hint for the driver."""
         if self.holds:
             return _("pad drives")
         return (
@@ -71,11 +70,11 @@ class Pad:
         )
 
     def direction(self) -> tuple[float, float]:
-        """(ahead, to the left), each in [-1, 1].  (1)"""
+        """Return (ahead, to the left), each in [-1, 1].  (1)"""
         return (-self._part(Y), -self._part(X)) if self.holds else (0.0, 0.0)
 
     def close(self) -> None:
-        """Closes the device."""
+        """Close the device."""
         self._device.close()
 
     def _look(self) -> None:
@@ -83,7 +82,7 @@ class Pad:
         self._let_go = self._let_go or (at_rest and not self._overrun)
 
     def _take(self, event: InputEvent) -> list[int]:
-        """Take an event, and return the button that it pressed."""
+        """Process an event, and return the buttons that it pressed."""
         kind, code, value = event
         if kind == SYN and code == DROPPED:
             self._overrun = True
@@ -99,14 +98,14 @@ class Pad:
         return []
 
     def _ask_anew(self) -> list[int]:
-        """All of its state; the buttons that were pressed unseen."""
+        """Read the whole state again, and return the buttons that were pressed in the meantime."""
         before = self._down
         self._axes, self._down = {code: self._device.axis(code) for code in (X, Y)}, self._device.down()
         self._overrun = False
         return sorted(self._down - before)
 
     def _part(self, code: int) -> float:
-        """(1), (2)"""
+        """Return the deflection of an axis in [-1, 1].  (1), (2)"""
         axis = self._axes[code]
         half = max(0.5 * (axis.high - axis.low), 0.5)
         x = (axis.value - 0.5 * (axis.high + axis.low)) / half
@@ -116,8 +115,11 @@ class Pad:
 
 
 def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
-    """The pad of this computer, or the one that is `named`. UsageError where none exists, where several do, or where it
-    may not be read: it says what was looked at."""
+    """Return the pad of this computer, or the one that is `named`.
+
+    Raise UsageError if none exists, several do, or it may not be read; the message lists the devices that were
+    examined.
+    """
     if sys.platform != "linux":
         raise UsageError(fault("pad.not-linux"))
     if named is not None:
@@ -148,7 +150,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
 
 
 def lacking(device: InputDevice) -> str:
-    """Return what `device` lacks to be a pad, "stick" or "front-buttons"; "" where it is one."""
+    """Return the part that `device` lacks to be a pad, "stick" or "front-buttons", or "" if it is one."""
     if not {X, Y} <= device.axes:
         return "stick"
     return "" if device.keys & HOLD else "front-buttons"

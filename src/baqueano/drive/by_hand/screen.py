@@ -1,10 +1,10 @@
-"""The screen of a driver: a block of lines, drawn again in its own place.
+"""Draw the screen of a driver: a block of lines, drawn again in the same place.
 
-    the first time     the block, line by line
-    again              up to its first line, each line written over and cut off behind, in one write           (1)
+  the first time     the block, line by line
+  again              up to its first line, each line overwritten and its rest erased, in one write           (1)
 
-A terminal that knows synchronised updates shows (1) at once; with the others lines are written over by their like, so
-nothing is ever empty in between. Letters are ASCII: a serial console knows only these.
+A terminal with synchronised updates shows (1) at once. On other terminals each line replaces a similar one, so the
+screen is never empty in between. The letters are ASCII, as a serial console supports only these.
 """
 
 from dataclasses import dataclass, field
@@ -51,7 +51,7 @@ class Status:
 
 
 def lines(s: Status, columns: int = 80) -> list[str]:
-    """The block, each line within `columns` less one."""
+    """Return the block, each line at most `columns` − 1 long."""
     link = "  ".join(
         f"{_(name)} {figure(value, 0)} ms"
         for name, value in ((N_("vehicle"), s.link_ms), (N_("terminal"), s.terminal_ms))
@@ -88,7 +88,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
 
 
 def figure(value: float, digits: int) -> str:
-    """A number, or a dash where it is not known."""
+    """Return a number as text, or a dash if it is unknown."""
     return f"{number(value):.{digits}f}" if value is not None and isfinite(value) else "-"
 
 
@@ -99,7 +99,7 @@ def _hold(u: float | None) -> str:
 
 
 def _bar(duty: float) -> str:
-    """-1 … 1 as a bar from the middle."""
+    """Return -1 … 1 as a bar from the middle."""
     half = BAR // 2
     n = min(half, round(abs(duty) * half)) if isfinite(duty) else 0
     left, right = ("#" * n, "") if duty < 0.0 else ("", "#" * n)
@@ -107,13 +107,13 @@ def _bar(duty: float) -> str:
 
 
 class Screen:
-    """Draws blocks one over the other."""
+    """A screen that draws each block over the previous one."""
 
     def __init__(self) -> None:
         self._height = 0
 
     def frame(self, block: list[str], height: int = 24) -> bytes:
-        """Return the bytes that draw this block; of one that is higher than the screen, the last lines."""
+        """Return the bytes that draw this block; only its last lines if it is higher than the screen."""
         block = block[-max(1, height - 1) :]
         up = f"\r\x1b[{self._height}A" if self._height else "\r"
         rest = max(0, self._height - len(block))

@@ -1,7 +1,7 @@
-"""The terminal as a device: single keys in, frames out, and everything as it was before at the end.
+"""Use the terminal as a device: read single keys, write frames, and restore its settings at the end.
 
-It is opened anew, so that what is set here (no call waits) holds for nobody else. A terminal that takes nothing any
-more, because the network behind it is dead, must not hold up a vehicle: what it does not take is dropped.
+It is opened again, so that the settings here (no call waits) do not affect other programs. A terminal whose network is
+dead accepts no bytes and must not delay a vehicle: bytes that it does not accept are dropped.
 """
 
 import os
@@ -24,28 +24,28 @@ class TerminalLine(Protocol):
     answers: bool  # whether one can ask it anything
 
     def read(self) -> list[KeyEvent] | None:
-        """Return the input since the last call; None when it has ended."""
+        """Return the events since the last call, or None once the input has ended."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Sends, or drops; never waits."""
+        """Send the bytes or drop them, without waiting."""
         ...
 
     def change(self, on: bytes, off: bytes) -> None:
-        """Sends `on`, and `off` at the end."""
+        """Send `on` now, and `off` at the end."""
         ...
 
     def size(self) -> tuple[int, int]:
-        """Columns, lines."""
+        """Return the numbers of columns and lines."""
         ...
 
     def close(self) -> None:
-        """Gives it back."""
+        """Restore the settings and close the terminal."""
         ...
 
 
 class Tty:
-    """A Unix terminal, by a file descriptor of it."""
+    """A Unix terminal, given by a file descriptor."""
 
     answers = True
 
@@ -63,7 +63,7 @@ class Tty:
         self.change(CURSOR_OFF, CURSOR_ON)
 
     def read(self) -> list[KeyEvent] | None:
-        """See TerminalLine."""
+        """Return the events since the last call, or None once the terminal has hung up."""
         self.write(b"")
         data = b""
         try:
@@ -76,7 +76,7 @@ class Tty:
         return None if not data else self._decoder.feed(data)
 
     def write(self, data: bytes) -> None:
-        """See TerminalLine."""
+        """Queue the bytes and send what the terminal accepts; drop them if more than PENDING bytes wait."""
         if len(self._waits) + len(data) <= PENDING:
             self._waits += data
         if self._waits:
@@ -84,12 +84,12 @@ class Tty:
                 self._waits = self._waits[os.write(self._fd, self._waits) :]
 
     def change(self, on: bytes, off: bytes) -> None:
-        """See TerminalLine."""
+        """Send `on` now, and `off` in `close`."""
         self._undo = off + self._undo
         self.write(on)
 
     def size(self) -> tuple[int, int]:
-        """See TerminalLine."""
+        """Return the numbers of columns and lines, (80, 24) if they are unknown."""
         with suppress(OSError):
             columns, lines = os.get_terminal_size(self._fd)
             if columns and lines:
@@ -97,7 +97,7 @@ class Tty:
         return 80, 24
 
     def close(self) -> None:
-        """See TerminalLine."""
+        """Restore the settings and close the file."""
         import termios
 
         self._waits = b""  # of a frame that was not taken: the rest would be read as text
@@ -110,12 +110,12 @@ class Tty:
 
 
 class WindowsConsole:
-    """The console of Windows: letters alone."""
+    """The console of Windows, which reports letters and arrows only."""
 
     answers = False
 
     def read(self) -> list[KeyEvent] | None:
-        """See TerminalLine."""
+        """Return the keys that were pressed since the last call."""
         import msvcrt
 
         keys = []
@@ -129,23 +129,23 @@ class WindowsConsole:
         return keys
 
     def write(self, data: bytes) -> None:
-        """See TerminalLine."""
+        """Write the bytes to stdout."""
         sys.stdout.write(data.decode())
         sys.stdout.flush()
 
     def change(self, on: bytes, off: bytes) -> None:
-        """See TerminalLine."""
+        """Do nothing: this console does not have such modes."""
 
     def size(self) -> tuple[int, int]:
-        """See TerminalLine."""
+        """Return (80, 24), as the size is unknown."""
         return 80, 24
 
     def close(self) -> None:
-        """See TerminalLine."""
+        """Do nothing: the settings were not changed."""
 
 
 def terminal() -> TerminalLine:
-    """The terminal of this program. UsageError where none exists."""
+    """Return the terminal of this program. Raise UsageError without one."""
     try:
         import msvcrt  # noqa: F401
     except ImportError:
@@ -164,8 +164,10 @@ def _unix() -> Tty:
 
 
 def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
-    """The name of a program between this one and the terminal which answers in its place and outlives it (tmux,
-    screen, mosh); "" without one."""
+    """Return the name of a program that answers in place of the terminal and outlives it (tmux, screen, mosh, zellij).
+
+    "" without such a program between this one and the terminal.
+    """
     for name in (parents or _parents)():
         for program in ("tmux", "screen", "mosh-server", "zellij"):
             if name.lower().startswith(program):
@@ -174,7 +176,7 @@ def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
 
 
 def _parents() -> list[str]:
-    """The names of the programs above this one, where the system tells them."""
+    """Return the names of the parent programs of this one, nearest first, [] if the system does not list them."""
     names: list[str] = []
     pid = os.getpid()
     with suppress(OSError, ValueError, IndexError):
@@ -187,5 +189,5 @@ def _parents() -> list[str]:
 
 
 def over_ssh(environment: Any = os.environ) -> bool:
-    """Return True if the terminal of this program is at the other end of an ssh."""
+    """Return True if the terminal of this program is at the other end of an SSH connection."""
     return bool(environment.get("SSH_CONNECTION") or environment.get("SSH_TTY"))

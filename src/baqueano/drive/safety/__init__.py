@@ -1,1 +1,1 @@
-"""Precautions of a drive along a route: what is checked before it begins, and what slows and stops it."""
+"""Take precautions for a drive along a route: checks before it begins, and observers that slow and stop it."""

@@ -1,11 +1,11 @@
-"""A drive that cannot trust its estimate slows down, and stops if that lasts.
+"""Slow down a drive whose estimate is doubtful, and stop it if the doubt lasts.
 
-    doubt = a sensor is DEGRADED, or σ > SHARE · max_position_std_m of the supervisor                     (1)
-    pace  = SLOW while there is doubt, 0 once it is grave and has lasted WAIT_S, 1 again after it           (2)
-    stop  when the reference has stood for STAND_S under doubt                                            (3)
+  doubt = a sensor is DEGRADED, or σ > SHARE · max_position_std_m of the supervisor                     (1)
+  pace  = SLOW while there is doubt, 0 after WAIT_S of severe doubt, 1 again once it is over              (2)
+  stop  after STAND_S at pace 0 under severe doubt                                                      (3)
 
-A sensor is DEGRADED by the monitor (monitor/). Where it cannot tell whether sensor or model is off, the doubt is not
-grave: the vehicle only goes slower. A model that is off for certain does not make the estimate doubtful.
+The monitor (monitor/) sets a sensor DEGRADED. If it cannot decide whether the sensor or the model is wrong, the doubt
+is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate doubtful.
 """
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, joined, note, stop
@@ -22,8 +22,10 @@ SOURCE = WHO = "caution"
 
 
 class Caution(Observer):
-    """Watches one drive; `most_m` is the uncertainty [m] that stops the vehicle. Without `watches` it trusts
-    everything, and only puts the guide under the pace that the holder sets (door/adjusting.py)."""
+    """Observer of one drive; `most_m` is the position uncertainty [m] at which the supervisor stops the vehicle.
+
+    Without `watches` it never doubts, and only wraps the guide for the pace that the holder sets (door/adjusting.py).
+    """
 
     def __init__(self, most_m: float = float("inf"), watches: bool = True) -> None:
         self._most_m, self._watches = most_m, watches
@@ -34,7 +36,7 @@ class Caution(Observer):
         self._lines: list[LastLine] = []
 
     def begin(self, blocks: Blocks) -> Blocks:
-        """Put the guide under a pace."""
+        """Wrap the guide so that its pace can be set."""
         self._guide = PacedGuide(blocks.guide)
         return blocks._replace(guide=self._guide)
 
@@ -54,18 +56,18 @@ class Caution(Observer):
         self._guide.want(WHO, 1.0 if doubt is None else 0.0 if stands else SLOW)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return why the vehicle stops.  (3)"""
+        """Return the reason to stop the vehicle, or None.  (3)"""
         if not self._grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
             return None
         return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._doubt)
 
     def events(self) -> list[LastLine]:
-        """Return when it slowed down, and why."""
+        """Return the new messages on the begin and end of slow driving, with the reason."""
         lines, self._lines = self._lines, []
         return lines
 
     def _doubt_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
-        """Return why the estimate is not to be trusted, and whether that is grave.  (1)"""
+        """Return the doubt about the estimate, or None, and True if it is severe.  (1)"""
         if not self._watches:
             return None, False
         std_m = float(position_std(record.estimate.cov))

@@ -1,4 +1,4 @@
-"""A guide whose pace changes between two ticks: by caution, and by who holds the vehicle. The slowest is in force."""
+"""Change the pace of a guide between two ticks: for caution, and for the holder. The slowest request is in force."""
 
 from dataclasses import replace
 
@@ -25,20 +25,20 @@ class PacedGuide:
 
     @property
     def pace(self) -> float:
-        """Return the pace that is in force, once the ramp has come to it."""
+        """Return the pace that is in force once the ramp has reached it."""
         return self.block.pace
 
-    def want(self, who: str, pace: float) -> None:
-        """Take the pace that `who` wants from the next tick on; ValueError for one outside of 0 to 1."""
+    def want(self, source: str, pace: float) -> None:
+        """Set the pace that `source` requests from the next tick on. Raise ValueError outside of 0 to 1."""
         replace(self.block, pace=pace)
-        self._paces[who] = pace
+        self._paces[source] = pace
         if (slowest := min(self._paces.values())) != self.block.pace:
             self.block = replace(self.block, pace=slowest)
 
     def init(self) -> Tree:
-        """The guide at its beginning."""
+        """Return the initial state of the guide."""
         return self.block.init()
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """The guide's own step, at the pace."""
+        """Return the guide's own step, at the pace."""
         return self.block.step(state, estimate)

@@ -1,10 +1,10 @@
-"""A vehicle that is stuck for ever is given up.
+"""End the drive of a vehicle that is stuck.
 
-    stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > AWAY_M                         (1)
-    stop  once (1) has held for patience_s
+  stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > AWAY_M                         (1)
+  stop  once (1) has held for patience_s
 
-p_0, ψ_0 is where it last moved. A stop of the route does not count: the vehicle is then where it is wanted. Nor does a
-pause: the reference stands with the vehicle.
+p_0, ψ_0 is the pose of the last motion. A stop of the route does not count, as the vehicle is then at its reference.
+Nor does a pause count, as the reference stands with the vehicle.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ STILL_M, STILL_RAD, AWAY_M = 0.02, 0.1, 0.05
 
 
 class Patience(Observer):
-    """Watches one drive, and gives it up after `patience_s` without a way."""
+    """Observer of one drive, which ends it after `patience_s` without progress."""
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
@@ -27,7 +27,7 @@ class Patience(Observer):
         self._since_ns, self._away_m = 0, 0.0
 
     def look(self, record: Record) -> None:
-        """Look whether the vehicle moves, or is where it is wanted."""
+        """Restart the waiting time if the vehicle has moved, or is at its reference."""
         eta, reference = record.estimate.eta, record.reference.eta
         moved = not np.hypot(*(eta - self._origin)[:2]) < STILL_M
         moved = moved or not abs(wrap(eta[2] - self._origin[2])) < STILL_RAD
@@ -36,7 +36,7 @@ class Patience(Observer):
             self._origin, self._since_ns = eta, record.tick.t_ns
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return why the drive is given up.  (1)"""
+        """Return the reason to end the drive, or None.  (1)"""
         waited_s = seconds(t_ns, self._since_ns)
         if waited_s < self._patience_s:
             return None

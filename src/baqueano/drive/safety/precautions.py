@@ -1,4 +1,4 @@
-"""Precautions of a repetition: checks, a way to its route, and the observers that slow and stop it."""
+"""Take precautions for a repetition: checks, a path to its route, and the observers that slow and stop it."""
 
 from dataclasses import asdict, dataclass, fields
 from inspect import signature
@@ -32,7 +32,7 @@ PATIENCE_S = 20.0
 
 
 class PlainRoom(NamedTuple):
-    """A room as it travels in a mission: see `routes.examine.Walls`."""
+    """A room in the form in which a mission contains it: see `routes.examine.Walls`."""
 
     free: Value
     start: tuple[float, float, float]
@@ -42,10 +42,10 @@ class PlainRoom(NamedTuple):
 class Precautions:
     """Options of `repeat` for the safety of the vehicle.
 
-    `check`: judge the route before anything moves. `anyway`: drive one that is too fast, or has gaps. `room`: stop
-    before the vehicle may leave it. `lead_in`: where the vehicle does not stand at the start of its route, drive there
-    first. `way_back`: afterwards drive back to that start. `caution`: slow down and stop where the estimate is
-    doubtful. `patience_s`: give up a vehicle that is stuck for so long.
+    `check`: examine the route before the vehicle moves. `anyway`: drive also a route that is too fast, or has gaps.
+    `room`: stop before the vehicle may leave it. `lead_in`: if the vehicle is not at the start of its route, drive
+    there first. `way_back`: drive back to that start afterwards. `caution`: slow down and stop if the estimate is
+    doubtful. `patience_s`: end the drive of a vehicle that is stuck for this time.
     """
 
     check: bool = True
@@ -58,13 +58,13 @@ class Precautions:
 
     @classmethod
     def of(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
-        """Return the precautions among options, and the other options."""
+        """Return the precautions among the options, and the other options."""
         own = {field.name for field in fields(cls)}
         own_options = {name: value for name, value in options.items() if name in own}
         return cls(**own_options), {name: value for name, value in options.items() if name not in own}
 
     def to_json(self) -> JsonObject:
-        """Return what differs from the usual, for JSON."""
+        """Return the values that differ from the defaults, for JSON."""
         usual = Precautions()
         row = {f.name: getattr(self, f.name) for f in fields(self)}
         row = {name: value for name, value in row.items() if value != getattr(usual, name)}
@@ -75,7 +75,7 @@ class Precautions:
 
     @classmethod
     def of_json(cls, document: JsonObject) -> "Precautions":
-        """Return the inverse of `to_json`; UsageError for another text."""
+        """Return the precautions of this JSON, the inverse of `to_json`. Raise UsageError for anything else."""
         try:
             usual, row = asdict(cls()), dict(document)
             room = row.pop("room", None)
@@ -93,9 +93,10 @@ class Precautions:
     def around(
         self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,
     ) -> Guide:  # fmt: skip
-        """Return the guide, with a way to the route where the vehicle does not stand at its start, and a way back.
+        """Return the guide with a path to the route, if the vehicle is not at its start, and a path back, if requested.
 
-        An estimator that takes no start begins wherever its sensors see it."""
+        An estimator that takes no start pose begins at the pose that its sensors measure, so it always gets the path.
+        """
         off = start[:3] - route.eta[0]
         away = np.hypot(off[0], off[1]) > NEAR_M or abs(wrap(off[2])) > NEAR_RAD
         leads = self.lead_in and (away or not signature(estimator.init).parameters)
@@ -118,7 +119,7 @@ class Precautions:
 
 
 def limits_of(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
-    """Return the speed [m/s] of a route and a radius [m] that the vehicle can drive at it, with a spare."""
+    """Return the speed [m/s] of a route and a radius [m] that the vehicle can drive at it, with a margin."""
     speed = np.abs(route.nu[:, 0])
     moving = speed[speed > STILL_M_S]
     v = float(np.median(moving)) if moving.size else 0.2

@@ -1,4 +1,4 @@
-"""A route is judged before anything moves, whoever asks for the drive: a line, Python, a page or a robot."""
+"""Check a route before the vehicle moves, for each kind of request: command line, Python, page or robot."""
 
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 FASTER = ("route.speed-too-high", "route.turns-too-fast")  # the vehicle comes late
-UNSURE = (*FASTER, "route.gap")  # that somebody may want all the same
+UNSURE = (*FASTER, "route.gap")  # that the user may allow
 
 
 def warnings_of(
@@ -25,14 +25,14 @@ def warnings_of(
     anyway: bool = False,
     backend: str = "auto",
 ) -> tuple[Diagnostic, ...]:
-    """Return what is to be said of a route that may be driven; AnswerNo with the first reason why it may not.
+    """Return the warnings about a route that may be driven. Raise AnswerNo with the first reason against it.
 
-    A model that nobody `measured` cannot tell that a route is too fast: it only warns. `anyway` drives a route that is
-    too fast or has gaps. A jump, a wall, and a value that is not a number are always refused.
+    A model that was not `measured` cannot prove that a route is too fast: the finding is then only a warning. `anyway`
+    allows a route that is too fast or has gaps. A jump, a wall, and a value that is not a number are always refused.
     """
     try:
         report = examine(route, vehicle_file, room, backend=backend)
-    except TraceError:  # a vehicle of one's own that is not compiled: it cannot be asked for its limits
+    except TraceError:  # a user's vehicle that is not compiled: its limits are unknown
         report = examine(route, None, room)
     for finding in report.findings:
         passes = (finding.code in UNSURE and anyway) or (finding.code in FASTER and not measured)

@@ -1,11 +1,12 @@
-"""The measurements of augmented_ekf.py: what is expected of each number, its gate, and the correction.
+"""The correction of augmented_ekf.py: predict each number of a sensor, test it against a gate, and use it.
 
-A number beyond `gate_sigma` loses its weight, and only that number, unless the one before was as far off: a spike is
-alone, a turn that the model did not foresee is not. With the whitened innovation e and that before e₋, limit l:
+A number beyond `gate_sigma` loses its weight; the other numbers keep theirs. An exception is a number whose previous
+innovation was as large: an outlier is a single one, but a turn that the model did not predict lasts. With the whitened
+innovation e, the previous one e₋, and the limit l of the gate, the weight w is
 
     w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD)                                       (1)
 
-Sensors that show the pose are judged by place_gate.py. What a number may correct stands in augmented/state.py.
+place_gate.py judges the sensors that measure the pose. augmented/state.py defines which states a number may correct.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,19 +31,19 @@ from baqueano.vehicles.effort import Effort
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-ABSURD = 1.5  # times the gate: nothing so far off is ever followed
+ABSURD = 1.5  # times the gate: a number beyond this never gets a weight near 1
 WITHIN = 0.9999  # of a sensor's range: a reading at its end is left out
 
 
 class Innovations(NamedTuple):
-    """The numbers of a tick against the prediction."""
+    """The numbers of a tick, compared with their prediction."""
 
     gap: np.ndarray  # (m,) the last innovations, in order of use
     place_doubt: PlaceDoubt
-    refused: Value  # how many lost their weight
+    refused: Value  # count of numbers that lost their weight
     y: np.ndarray  # (m,) innovations; NaN for what did not arrive
     S: np.ndarray  # (m, m)
-    weight: np.ndarray  # (m,) likewise
+    weight: np.ndarray  # (m,) weights; NaN for what did not arrive
 
 
 def corrected(
@@ -55,9 +56,10 @@ def corrected(
     still: bool,
     dt_s: Value,
 ) -> tuple[Gaussian, Innovations]:
-    """Return the state after what arrived, and the innovations.
+    """Return the state after the measurements that arrived, and the innovations.
 
-    `before` are gap and place_doubt of the row before; `nu_dot` is that of a kinematic model, None of a dynamic one.
+    `before` holds gap and place_doubt of the previous row. `nu_dot` is that of a kinematic model; None for a dynamic
+    one.
     """
     its, (last, place_doubt) = layout(estimator), before
     if not len(its.moving):
@@ -93,7 +95,7 @@ def corrected(
         return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD) / limit) ** 8)
 
     E = its.resting if still else its.moving
-    # what did not arrive weighs nothing, and tells nothing of the others
+    # a number that did not arrive has weight 0, and its noise is independent of the others
     own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
     update = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
     w = np.array([weight(c, update.e[c], update.s[c]) for c in range(len(y))])
@@ -108,7 +110,10 @@ def corrected(
 def expected(
     estimator: "AugmentedEkf", mean: np.ndarray, name: str, effort: Effort, nu_dot: Value, slot: Slot
 ) -> np.ndarray:
-    """Return what a sensor would show with its biases as believed, (m,), to first order when it was measured."""
+    """Return the predicted measurement (m,) of a sensor with its estimated biases, at its time of measurement.
+
+    The state at that time is computed to first order.
+    """
     sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALES]
     for k, bias in enumerate(layout(estimator).biases):
         if bias.sensor == name:
@@ -123,5 +128,5 @@ def expected(
 
 
 def _most(estimator: "AugmentedEkf") -> np.ndarray:
-    """Standard deviations (n,) up to which a doubt may grow."""
+    """Return the standard deviations (n,) up to which a doubt may grow."""
     return np.concatenate([np.array([INF, INF, TURN_STD]), start_std(estimator)[3:]])

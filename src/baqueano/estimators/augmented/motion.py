@@ -1,6 +1,6 @@
-"""Process model of the augmented state: the mean one row on, and the covariance of its noise.
+"""Process model of the augmented state: the mean one row later, and the covariance of its noise.
 
-    x = (η, ν, d, κ, β, w, b):  pose, velocity, disturbance, error of the scales of ν, course, bend, biases (1)
+    x = (η, ν, d, κ, β, w, b):  pose, velocity, disturbance, scale errors, course, bend, biases               (1)
     dynamic model      ν̇ = f(ν, e) + D,      D = (d_x, l d_ψ, d_ψ) [m/s², rad/s²], η̇ = J(ψ) (1 + K) ν        (2)
     kinematic model    ν = V e + D,           D = (d_x, 0, d_ψ) [m/s, rad/s]
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
@@ -10,9 +10,9 @@
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
 
-d̄ follows the estimate of d: a model that turns wrongly through a whole bend would pull the heading off the gyro.
-Whatever turns a vehicle moves its origin aside, which lies l ahead of what turns in place.
-docs/derivations/kalman.md derives (4) to (7).
+e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance. l is how far the origin lies ahead of the centre of
+turning: a turn moves the origin sideways. d̄ follows d: else a model that is wrong through a whole bend would pull the
+heading from the gyro. docs/derivations/kalman.md derives (4) to (7).
 """
 
 from functools import lru_cache
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 
-SLOW_S = 2.0  # over which d̄ follows d: a bend of the path
+SLOW_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
 
 
 def ahead(
@@ -82,7 +82,7 @@ def move(
 
 
 def slow_part(before: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
-    """Return d̄ (2,) a row later.  (3)"""
+    """Return d̄ (2,) one row later.  (3)"""
     return before + (d - before) * (1.0 - np.exp(-dt_s / SLOW_S))
 
 
@@ -92,22 +92,23 @@ def pushed(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
 
 
 def slipped(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndarray:
-    """Return what the slip of wheels adds in a row to the covariance of the pose (3, 3).  (5)"""
+    """Return the covariance (3, 3) that the slip of the wheels adds to the pose in a row.  (5)"""
     variance, fade_s, _ = _slips(estimator)
     return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * variance * mean[3] ** 2)
 
 
 def beside_wheels(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.ndarray:
-    """Return how far ν (3, 3) is beside what wheels say; `gain` is the ν̇_x that the model foretells.  (5), (6)"""
+    """Return the covariance (3, 3) of ν relative to the wheels; `gain` is ν̇_x as the model predicts it.  (5), (6)"""
     variance, _, period_s = _slips(estimator)
     return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
 
 
 def kicks(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) -> np.ndarray:
-    """Return the covariance (8, 8) that a row adds to (η, ν, d): the walks of ν and d, and the way of both.
+    """Return the covariance (8, 8) that a row adds to (η, ν, d): the walks of ν and d, and the way that both cause.
 
-    Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what d gives to ν
-    likewise. `kept` is the part of ν_y that a row leaves.  (7)"""
+    The way has the variance σ² δ³/3: σ² δ³/4 is correlated with the change of ν, σ² δ³/12 is not. The change of ν by d
+    is treated in the same way. `kept` is the part of ν_y that remains after a row.  (7)
+    """
     W, E = _to_axes(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     J, D, moved_s = map_from_body(psi) @ W, W @ E, row.moved_s
     d = estimator.disturbance_std**2 * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
@@ -129,13 +130,13 @@ def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 
 def _to_axes(vehicle: DynamicVehicle) -> np.ndarray:
-    """∂ν/∂(push) (3, 3) of a push ahead, aside, and in turning."""
+    """Return ∂ν/∂(push) (3, 3) of a push forward, sideways, and in rotation."""
     arm = optional.of(vehicle, "turning_arm_m")
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])
 
 
 @lru_cache(maxsize=256)
 def _slips(estimator: "AugmentedEkf") -> tuple[Value, Value, Value]:
-    """The variance of slip, the time over which it fades, and that between readings, of what the estimator uses."""
+    """Return the variance of the slip, its fading time, and the time between readings of the sensors in use."""
     its = layout(estimator)
     return slips(estimator.sensors, dict(zip(its.names, its.at, strict=True)))

@@ -1,18 +1,18 @@
-"""The augmented state of augmented_ekf.py, and what each number of a sensor may correct in it.
+"""The augmented state of augmented_ekf.py, and the entries of it that each number of a sensor may correct.
 
     x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, w | biases)                                     (1)
 
-A filter that lets every number correct everything believes the couplings of its model: a gyro that disagrees with the
-model about a turn then changes the speed, an odometer the heading. On real cars these couplings are off by more than
-the sensors are, and the estimate is worse than the model alone. So, by what a number shows:
+A filter in which every number corrects every state relies on the couplings of its model. Then a gyro that disagrees
+with the model changes the speed, and an odometer changes the heading. On real cars these couplings had larger errors
+than the sensors, and the estimate was worse than the model. So a number corrects, by what it measures:
 
-    the pose                x, all of it
-    ν_x, not inertial       position, ν_x, ν_y, d_x; and what turns, if no number shows only that
-    ν_ψ alone (a gyro)      ψ, ν_y, ν_ψ, d_ψ; at rest its bias
-    inertial, else          nothing but, at rest, its bias; with `speed_from` ν_x, ν_y, d_x and its bias    (2)
+    the pose                all of x
+    ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no number measures only ν_ψ
+    only ν_ψ (a gyro)       ψ, ν_y, ν_ψ, d_ψ; at rest also its bias
+    other inertial numbers  only its bias, at rest; with `speed_from` also ν_x, ν_y, d_x, at any time          (2)
 
-What a number shows is read from its h (sensor_numbers.py). A number is inertial if its sensor has a bias that it shows.
-Other biases follow only at rest: while it drives, the misfit of the model looks like one.
+h of the sensor shows what a number measures (sensor_numbers.py). An inertial number has a bias that walks. Without a
+pose sensor other biases are estimated only at rest: during a drive a model error looks like a bias.
 """
 
 from functools import lru_cache
@@ -34,40 +34,42 @@ from baqueano.estimators.readings.sensor_numbers import (
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-SCALES, BIASES = 8, 12  # where κ, β, w and the biases begin
-BEND = 11  # w: how a wide spread of the heading bends the region of the position. Nothing estimates it
+SCALES, BIASES = 8, 12  # index of the first of κ, β, w, and of the first bias
+BEND = 11  # index of w: a large variance of the heading bends the region of the position; w is not estimated
 PLACE, TURNING, FORWARD = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
-LEADING = 2.5  # times as far as any other number a gyro may be from the model: no model foresees each turn
+LEADING = 2.5  # factor on the gate of a gyro, because no model predicts each turn
 
 
 class Layout(NamedTuple):
-    """Layout of the state of a filter with these sensors."""
+    """Layout of the state of a filter for its sensors."""
 
     names: tuple[str, ...]  # the sensors
-    at: tuple[tuple[int, ...], ...]  # of each sensor the numbers that correct
+    at: tuple[tuple[int, ...], ...]  # the numbers of each sensor that correct the state
     biases: tuple[UncertainNumber, ...]
     moving: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
     resting: np.ndarray  # (m, n) at rest
-    patience: np.ndarray  # (m,) of the gate, for each number
-    slope: np.ndarray  # (m, 2) of each number by the speed and the yaw rate that it may correct; 0: not that
+    patience: np.ndarray  # (m,) factor on the gate of each number
+    slope: (
+        np.ndarray
+    )  # (m, 2) derivative of each number by speed and yaw rate; 0 if it may not correct that one
     places: tuple[tuple[int, ...], ...]  # the numbers of each sensor that shows the pose: place_gate.py
 
     @property
     def doubted(self) -> np.ndarray:
-        """1 (n,) for what may be wrong where the pose is: (η, κ, β, b)."""
+        """Return a mask (n,): 1 for the states that may be wrong if the pose is wrong: (η, κ, β, b)."""
         mask = np.ones(self.size)
         mask[[*range(3, SCALES), BEND]] = 0.0
         return mask
 
     @property
     def size(self) -> int:
-        """n."""
+        """Return the number n of states."""
         return BIASES + len(self.biases)
 
 
 @lru_cache(maxsize=256)
 def layout(estimator: "AugmentedEkf") -> Layout:
-    """Return the layout of an estimator with `sensors`, `use` and `speed_from`."""
+    """Return the layout for `sensors`, `use` and `speed_from` of an estimator."""
     sensors, uses = estimator.sensors, estimator.use
     names, at = tuple(split(use)[0] for use in uses), tuple(rows_of(sensors, use) for use in uses)
     biases = tuple(
@@ -113,7 +115,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
 
 
 def start_std(estimator: "AugmentedEkf") -> np.ndarray:
-    """Return the standard deviations (n,) at the start."""
+    """Return the standard deviations (n,) of the state at the start."""
     its = layout(estimator)
     biases = np.array([bias.of(estimator.sensors, bias.std) for bias in its.biases])
     scales = scale_std(estimator.sensors, dict(zip(its.names, its.at, strict=True)))
@@ -122,7 +124,7 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
 
 
 def _shows(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
-    """If each number of a sensor shows the pose anywhere; at rest the speed ahead, the yaw rate."""
+    """Return three booleans for each number of a sensor: it measures the pose; at rest, the speed and the yaw rate."""
     return [
         (bool(np.any(anywhere[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
         for anywhere, at_rest in zip(slopes(sensor), slopes(sensor, np.zeros(9)), strict=True)

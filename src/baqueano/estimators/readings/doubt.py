@@ -1,12 +1,15 @@
-"""A lasting disagreement makes the estimate less certain, and the filter follows no reading for it.
+"""Widen the covariance during a lasting disagreement; the correction of the state does not change.
 
-The speed ν_x and the yaw rate ν_ψ are each in doubt while a number that shows them is refused, by a = |y / h'|, or
-while the filter follows one against its model: |d| > gate_sigma σ_d, by a = |ν − ν of the model|. From DOUBT_S on,
+The speed ν_x and the yaw rate ν_ψ are each in doubt by a. a = |y / h'| while a number that measures it is refused, with
+innovation y and derivative h'. While the filter follows a number against its model, |d| > gate_sigma σ_d. Then a is
+|ν − ν of the model|. If the doubt lasts at least DOUBT_S:
 
     var ν ← var ν + a²  as it is reported,      P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
 
-g is the axis, t how long it has lasted: the way grows by a t if the velocity is wrong by a all the time. Whichever of
-sensor and model is right lies inside. The covariance that corrects stays as it is: a wider one would open the gate.
+P_ηη is the covariance of the pose, J rotates body to map, g is the axis of the velocity. δ is the length of the row, t
+the duration of the doubt. The position error is a t if the velocity is wrong by a all the time. So the region contains
+the truth if either the sensor or the model is correct. The correction uses the unchanged covariance: a wider one would
+open the gate.
 """
 
 from functools import reduce
@@ -20,15 +23,16 @@ from baqueano.geometry import map_from_body
 
 DOUBT_S = 0.5
 AXES = (3, 5)  # of a state (η, ν, …)
-HELD_S, FADING = 1.0, 2.0  # when readings agree again a doubt falls to this time, and fades so much faster
+HELD_S, FADING = (
+    1.0,
+    2.0,
+)  # when readings agree again, a doubt falls to HELD_S and fades FADING times as fast as time
 
 
 class DoubtUpdate(NamedTuple):
-    """The doubt after a row, and what it adds to a covariance."""
+    """The doubt after a row, and its share in the covariances."""
 
-    doubt: (
-        np.ndarray
-    )  # (2, 2) of speed and yaw rate: by how much the last readings were refused, for how long [s]
+    doubt: np.ndarray  # (2, 2) of speed and yaw rate: size of the last refused innovations, and duration [s]
     of_pose: np.ndarray  # (3, 3)
     of_nu: np.ndarray  # (3, 3)
 
@@ -36,10 +40,11 @@ class DoubtUpdate(NamedTuple):
 def doubted(
     doubt: np.ndarray, slope: np.ndarray, innovations: Value, against: np.ndarray, psi: Value, dt_s: Value
 ) -> DoubtUpdate:
-    """Return the doubt a row of `dt_s` on.
+    """Return the doubt after a row of `dt_s`.
 
-    `slope` (m, 2) of each number by speed and yaw rate, 0 where it corrects neither; `innovations` y (m,), NaN where
-    nothing arrived, with their weight (m,); `against` (2,) by how much the model is overruled.
+    `slope` (m, 2) is the derivative of each number by speed and yaw rate, 0 if it corrects neither. `innovations` has y
+    (m,), NaN for a number that did not arrive, and the weights (m,). `against` (2,) is the size of the correction
+    against the model.
     """
     refusals, came = [], []
     for h in slope.T:
@@ -60,10 +65,10 @@ def doubted(
 def lasting(
     doubt: np.ndarray, refused: np.ndarray, against: np.ndarray, came: np.ndarray, dt_s: Value
 ) -> np.ndarray:
-    """Return the doubt one row on, (2, 2): by how much the last readings were refused, and for how long [s].
+    """Return the doubt (2, 2) one row later: the size of the last refused innovations, and the duration [s].
 
-    `refused` (2,): by how much the readings of this row are; `against` (2,): by how much the model is overruled; 0 if
-    not. `came` (2,) bool: there was a reading.
+    `refused` (2,) is the size of the refused innovations of this row, `against` (2,) that of the correction against the
+    model; 0 without one. `came` (2,) is True if a reading arrived.
     """
     by = np.where(came, refused, doubt[0])
     less = np.maximum(np.minimum(doubt[1], HELD_S) - FADING * dt_s, 0.0)
@@ -83,5 +88,5 @@ def wider(
 
 
 def _largest(values: list[Value]) -> Value:
-    """Return the largest of scalars that are at least 0; 0 of none."""
+    """Return the largest of scalars that are at least 0; 0 for an empty list."""
     return reduce(np.maximum, values, 0.0)

@@ -1,15 +1,16 @@
-"""The gate of the sensors that show the pose: a reading is judged as a whole, a filter by two readings.
+"""The gate of the sensors that measure the pose. It judges a reading as a whole, and the filter by two readings.
 
     d² = yᵀ S⁻¹ y,   w = 1/(1 + (d²/χ²)⁴)         y all numbers of a sensor, χ² of m numbers at gate_sigma     (1)
     d²ᵢ = (y + Δᵢ)ᵀ S⁻¹ (y + Δᵢ),   p = 1/(1 + MISTAKEN e^(½ (d² − min d²ᵢ))),   w ← p w                       (2)
     P ← D P D,   D = d/√m for η, κ and b; of ψ, κ and b at most up to their deviation at the start             (3)
     (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (4)
 
-Δᵢ is the way from the tag that was read to another, p the chance that none was mistaken for another: Bar-Shalom and
-Tse 1975. One refused reading is an outlier. Two, AGAIN_S or more apart, are not: somebody moved the vehicle, or the
-filter is overconfident. The covariance grows to what the second one shows (3); if it agrees with the one before, y₋,
-it is accepted at once (4), else the next one decides. Readings that a mistake explains do not count for this, but for
-those after OVERLOOKED in a row. Readings that follow a refused one sooner do not count again.
+y is the innovation with covariance S, w the weight. Δᵢ is the way from the tag that was read to another one. p is the
+probability that no tag was mistaken for another (Bar-Shalom and Tse 1975). One refused reading is an outlier. Two of
+them, at least AGAIN_S apart, mean that the vehicle was moved by hand or that the filter is overconfident: P grows (3).
+If the second one agrees with the first, y₋, it is accepted at once (4); else the next reading decides. Readings that a
+mistaken tag explains count for this only after OVERLOOKED of them in a row. A refused reading does not count if the
+previous counted one is less than AGAIN_S old.
 """
 
 from typing import NamedTuple
@@ -20,33 +21,33 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.readings.gate import gate
 
 AGAIN_S = 1.0
-MISTAKEN = 0.05  # of the readings; a guess, which the ways between tags outweigh
+MISTAKEN = 0.05  # share of mistaken readings; a guess, the distances between tags matter more
 OVERLOOKED = 2.0  # mistakes in a row
-LONG_AGO_S = 1e9  # nothing was refused
-LIKELY = 50.0  # exponent that no double overflows
+LONG_AGO_S = 1e9  # no reading was refused
+LIKELY = 50.0  # largest exponent, to avoid an overflow
 SMALL = 1e-12  # m², of the way from a tag to itself
-TURN_STD = np.pi / np.sqrt(3.0)  # rad, of a heading that nobody knows
+TURN_STD = np.pi / np.sqrt(3.0)  # rad, of an unknown heading: uniform between ±π
 
 
 class PlaceNumbers(NamedTuple):
-    """The numbers of a tick against the prediction."""
+    """The numbers of a tick, compared with their prediction."""
 
     y: np.ndarray  # (m,) innovations; 0 for what did not arrive
     S: np.ndarray  # (m, m) their covariance; that of the noise where nothing arrived
     has: np.ndarray  # (m,) 1 for what arrived
-    ways: list[np.ndarray]  # of each number (k,): Δ of (2), zeros for what the sensor says it read
+    ways: list[np.ndarray]  # of each number (k,): Δ of (2), zeros for the tag that the sensor reported
 
 
 class Past(NamedTuple):
-    """Judgement of the readings of a sensor; each (sensors,)."""
+    """Earlier judgements of the readings of each sensor; each array is (sensors,)."""
 
-    since_s: np.ndarray  # since one was refused; LONG_AGO_S where the last one was believed
-    witness: np.ndarray  # 1 where a witness was refused since one was believed
-    mistakes: np.ndarray  # in a row
+    since_s: np.ndarray  # time since a refused reading; LONG_AGO_S if the last one was accepted
+    witness: np.ndarray  # 1 if an informative reading was refused since the last accepted one
+    mistakes: np.ndarray  # readings in a row that a mistaken tag explains
 
 
 class PlaceDoubt(NamedTuple):
-    """Readings refused before, for each sensor that shows the pose."""
+    """Memory of the readings refused before, for each sensor that measures the pose."""
 
     y: np.ndarray  # (m,) innovations of the last witness, in the order of all numbers
     past: Past
@@ -56,12 +57,12 @@ class GateDecision(NamedTuple):
     """Weights of the numbers of a tick."""
 
     weights: dict[int, Value]  # of the numbers that show the pose
-    grown: Value  # how much farther off than claimed the state is, d/√m of (3); 1 where nothing says so
+    grown: Value  # d/√m of (3): factor on the standard deviations; 1 without evidence
     doubt: PlaceDoubt
 
 
 def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
-    """Return the doubt of a filter that begins."""
+    """Return the memory of a filter that starts: no reading was refused."""
     none = np.zeros(len(groups))
     return PlaceDoubt(np.zeros(m), Past(LONG_AGO_S + none, none, none))
 
@@ -69,7 +70,7 @@ def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
 def judged(
     groups: tuple[tuple[int, ...], ...], numbers: PlaceNumbers, doubt: PlaceDoubt, dt_s: Value, sigma: float
 ) -> GateDecision:
-    """Return the weights; `groups` are the numbers of each sensor that shows the pose.  (1)-(4)"""
+    """Return the weights; `groups` are the numbers of each sensor that measures the pose.  (1)-(4)"""
     if not groups:
         return GateDecision({}, 1.0, doubt)
     weights: dict[int, Value] = {}
@@ -97,7 +98,7 @@ def judged(
 
 
 def _later(past: Past, refusal: Value, mistake: Value, is_right: Value) -> Past:
-    """Return what became of the readings of one sensor, with that of this tick."""
+    """Return the updated memory of one sensor after the reading of this tick."""
     counts = refusal & (past.since_s >= AGAIN_S)
     since_s = np.where(counts, 0.0, np.minimum(past.since_s, LONG_AGO_S))
     witness = np.where(counts & ~mistake, 1.0, past.witness)
@@ -111,7 +112,7 @@ def _later(past: Past, refusal: Value, mistake: Value, is_right: Value) -> Past:
 
 
 def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
-    """Return the least d²ᵢ of (2); one that explains nothing where the sensor knows of no mistake."""
+    """Return the least d²ᵢ of (2); a very large number if the sensor cannot mistake one tag for another."""
     least = 1.0 / SMALL
     for way in np.stack(ways, axis=1):
         is_none = np.sum(way**2) < SMALL
@@ -120,13 +121,13 @@ def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
 
 
 def growth(grown: Value, sd: np.ndarray, most: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return D (n,) of (3): deviations `sd` (n,) grow where `at` (n,) is 1, up to `most` (n,)."""
+    """Return D (n,) of (3): deviations `sd` (n,) grow by `grown` if `at` (n,) is 1, up to `most` (n,)."""
     room = np.maximum(most / np.maximum(sd, 1e-12), 1.0)
     return np.where(at > 0.0, np.minimum(grown, room), 1.0)
 
 
 def square(S: np.ndarray, y: np.ndarray) -> Value:
-    """Return yᵀ S⁻¹ y of a covariance (m, m), by elimination."""
+    """Return yᵀ S⁻¹ y of a covariance S (m, m), by elimination."""
     rows, v, total = [[S[i, j] for j in range(len(y))] for i in range(len(y))], list(y), 0.0
     for k in range(len(y)):
         total = total + v[k] * v[k] / rows[k][k]

@@ -1,12 +1,12 @@
-"""Numbers of sensors: what they measure, their age, how well they are calibrated, from h and the parameters.
+"""Numbers of sensors: what they measure, their age, and the uncertainty of their calibration.
 
-A sensor of your own is served as ours are: no kind of sensor is named here.
+All this follows from h and the parameters. No kind of sensor is named here, so your own sensors work too.
 
-    ∂h/∂(η, ν, ν̇)  at rest          which velocities a number shows to first order                        (1)
+    ∂h/∂(η, ν, ν̇)  at rest          which velocities a number measures, to first order                    (1)
     h(θ + STEP) ≠ h(θ)               which parameters θ it depends on                                      (2)
 
-A parameter that has a `std` in its metadata is uncertain; one that has a `walk` too is a bias, else a scale. `slip` is
-the deviation of what a scale has more or less of for a while; it fades (Ornstein-Uhlenbeck).
+A parameter with a `std` in its metadata is uncertain. If it also has a `walk`, it is a bias, else a scale. `slip` is
+the standard deviation of a temporary error of a scale, which fades (Ornstein-Uhlenbeck).
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,9 @@ REST = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
 CURVE = np.array([0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4])  # (η, ν, ν̇) at which no term of h vanishes
 AHEAD, TURNING = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])  # ν
 STEP = 0.1  # of a parameter
-ACCEL_SCALE_STD = 0.02 / np.sqrt(3.0)  # within ± 2 % by its data sheet: without a wheel, speed is a_y / ν_ψ
+ACCEL_SCALE_STD = 0.02 / np.sqrt(
+    3.0
+)  # ± 2 % by its data sheet; without a wheel, the speed follows from a_y / ν_ψ
 
 
 class UncertainNumber(NamedTuple):
@@ -40,24 +42,24 @@ class UncertainNumber(NamedTuple):
     walk: str  # path of its random walk in 1 s; "" for a constant
 
     def of(self, sensors: SensorBlocks, path: str) -> Value:
-        """Return the value at one of the paths."""
+        """Return the value at one of its paths."""
         return get(getattr(sensors, self.sensor), path)
 
 
 def split(use: str) -> tuple[str, tuple[int, ...] | None]:
-    """Return the sensor and its numbers: "imu[1,2]" → ("imu", (1, 2)); None: all of them."""
+    """Return the sensor and its numbers: "imu[1,2]" → ("imu", (1, 2)). None as numbers stands for all of them."""
     name, bracket, rest = use.partition("[")
     return name, tuple(int(i) for i in rest.rstrip("]").split(",")) if bracket else None
 
 
 def rows_of(sensors: SensorBlocks, use: str) -> tuple[int, ...]:
-    """Return the numbers of a sensor that `use` names."""
+    """Return the indices of the numbers of a sensor that `use` names."""
     name, rows = split(use)
     return tuple(range(getattr(sensors, name).size)) if rows is None else rows
 
 
 def check_use(sensors: SensorBlocks, use: tuple[str, ...], by_number: bool = False) -> None:
-    """Raise ValueError for a name in `use` that no sensor of the vehicle has; `by_number` allows "imu[2]"."""
+    """Raise ValueError if `use` names a sensor that the vehicle does not have; `by_number` allows "imu[2]"."""
     names = getattr(sensors, "_fields", ())
     for number in use:
         if (split(number)[0] if by_number else number) not in names:
@@ -65,12 +67,12 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], by_number: bool = Fal
 
 
 def arrived(sensor: Sensor, slot: Slot) -> Value:
-    """Return 1.0 or True where a measurement came that is finite."""
+    """Return True if a measurement arrived and is finite."""
     return (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
 
 
 def age_s(sensor: Sensor, slot: Slot) -> Value:
-    """Return how long before the tick it was measured [s]: by its stamp, its delay and its low-pass."""
+    """Return the age of a measurement at the tick [s]: its timestamp, its delay and its low-pass."""
     delay_s = sensor.delay_s if optional.of(sensor, "delay_slots") > 0 else 0.0
     return slot.age_s + delay_s + low_pass_s(sensor)
 
@@ -99,10 +101,10 @@ def uncertain(
 
 
 def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Value, Value, Value]:
-    """Return of the wheels that show the speed and slip: the variance of slip, part of ν_x², the s over which it fades,
-    and the s from reading to reading.
+    """Return the variance of the slip as a part of ν_x², its fading time [s], and the time between readings [s].
 
-    Slips of several wheels are independent; 0, 1 and 0 without a wheel."""
+    Only wheels that measure the speed and slip count; their slips are independent. Without one, return 0, 1 and 0.
+    """
     each = [
         (get(sensor, parameter.slip), get(sensor, parameter.fade), 1.0 / sensor.rate_hz)
         for name, rows in used.items()
@@ -117,9 +119,10 @@ def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Valu
 
 
 def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.ndarray:
-    """Return how well the scales of speed and yaw rate are known (2,), with these numbers of each sensor in use.
+    """Return the standard deviations (2,) of the scales of speed and yaw rate, for these numbers in use.
 
-    Without a number that shows the speed it is the model's, which was identified by gyro and accelerometer.
+    Without a number that measures the speed, its scale is that of the model, which was identified by gyro and
+    accelerometer.
     """
     forward, turning = (
         [
@@ -135,7 +138,7 @@ def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.nda
 
 
 def _bearing(sensor: Sensor, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[tuple[str, Parameter]]:
-    """Path and Parameter of what is uncertain and changes these numbers at the velocity `nu` (3,).  (2)"""
+    """Yield path and Parameter of each uncertain parameter that changes these numbers at `nu` (3,).  (2)"""
     motion, at = REST._replace(nu=nu), list(rows)
     for field, one_field in parameters(sensor) if rows else ():
         for index in [f"[{i}]" for i in range(one_field.shape[0])] if one_field.shape else [""]:
@@ -147,5 +150,5 @@ def _bearing(sensor: Sensor, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[
 
 
 def _entry(sensor: Sensor, field: str, index: str) -> str:
-    """The path of an entry of a field that has one number for all, or one for each."""
+    """Return the path of an entry of a field that has one value for all, or one for each."""
     return field + (index if field and np.ndim(getattr(sensor, field)) else "")

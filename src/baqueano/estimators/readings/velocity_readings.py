@@ -1,11 +1,12 @@
-"""The velocity that each sensor shows, read from its h: a sensor of your own is served as ours are.
+"""The velocity that each sensor measures, derived from its h. A sensor of your own is treated like the package's.
 
-Rows of z = h(η, ν, ν̇) that depend on ν alone are readings of a velocity. One of ν_ψ alone is a gyro and comes first;
-wheels and odometers follow, each for those entries of ν that nothing before it shows:
+Rows of z = h(η, ν, ν̇) that depend only on ν are readings of a velocity. A sensor with a row of ν_ψ only is a gyro and
+comes first. Wheels and odometers follow, each for the entries u of ν that no earlier sensor measures:
 
-    z = h(0) + H ν,    L H_u = I,   L = (H_uᵀ H_u)⁻¹ H_uᵀ,   u the entries that it gives                  (1)
+    z = h(0) + H ν,    L H_u = I,   L = (H_uᵀ H_u)⁻¹ H_uᵀ                                                 (1)
 
-so ν + L (z − h(ν)) is what the sensor shows, calibrated by its block.
+H is the derivative of h by ν, H_u its columns u. So ν + L (z − h(ν)) is the measured velocity, with the calibration of
+the sensor's block.
 """
 
 from typing import NamedTuple
@@ -21,7 +22,7 @@ SIDEWAYS, TURNING = 1, 2
 
 
 class Reading(NamedTuple):
-    """The entries of ν that a sensor measures, and how."""
+    """The entries of ν that a sensor measures, and the derivatives for that."""
 
     name: str  # of the sensor
     rows: tuple[int, ...]  # of its z
@@ -32,12 +33,12 @@ class Reading(NamedTuple):
 
     @property
     def is_gyro(self) -> bool:
-        """Return True where it shows the turning and nothing else."""
+        """Return True if the sensor gives only the yaw rate."""
         return self.of == (TURNING,)
 
 
 def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
-    """Return the readings of the sensors named in `use`, of all where none is named; gyros first."""
+    """Return the readings of the sensors named in `use`, or of all if it is empty; gyros come first."""
     check_use(sensors, use)
     slopes = {name: slopes_of(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())}
     gyros = [name for name, rows in slopes.items() if any(is_turning(slope) for slope in rows.values())]
@@ -49,7 +50,7 @@ def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Readi
             i for i in range(3) if i not in taken_numbers and any(slope[i] != 0.0 for slope in rows.values())
         ]
         if len(of) > len(rows):
-            of = [i for i in of if i != SIDEWAYS]  # the model says it
+            of = [i for i in of if i != SIDEWAYS]  # the model gives ν_y
         if of and len(of) <= len(rows):
             H, at_rest = np.array(list(rows.values())), getattr(sensors, name).h(REST)[list(rows)]
             readings.append(Reading(name, tuple(rows), tuple(of), at_rest, H, left_inverse(H, of)))
@@ -57,7 +58,7 @@ def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Readi
 
 
 def slopes_of(sensor: Sensor) -> dict[int, np.ndarray]:
-    """Return ∂h/∂ν (3,) of each row of h that depends on ν alone."""
+    """Return ∂h/∂ν (3,) of each row of h that depends only on ν."""
     return {
         k: row[3:6]
         for k, row in enumerate(slopes(sensor))
@@ -68,24 +69,24 @@ def slopes_of(sensor: Sensor) -> dict[int, np.ndarray]:
 def velocity(
     readings: tuple[Reading, ...], sensors: SensorBlocks, slots: ByName[Slot], nu: np.ndarray
 ) -> Value:
-    """Return ν (3,) with what all readings show."""
+    """Return ν (3,) with the entries that the readings measure replaced."""
     for reading in readings:
         nu = replaced(reading, getattr(sensors, reading.name), getattr(slots, reading.name), nu)
     return nu
 
 
 def show_place(sensors: SensorBlocks) -> tuple[str, ...]:
-    """Return the names of the sensors that show where the vehicle is: h depends on η."""
+    """Return the names of the sensors that measure the pose: their h depends on η."""
     return tuple(name for name, sensor in sensors._asdict().items() if np.any(slopes(sensor)[:, :3]))
 
 
 def is_turning(slope: np.ndarray) -> bool:
-    """Return True for a row that shows the turning alone: a gyro."""
+    """Return True for a row that depends only on the yaw rate, as of a gyro."""
     return not np.any(slope[:TURNING])
 
 
 def left_inverse(H: np.ndarray, of: list[int]) -> np.ndarray:
-    """Return L (3, m) with rows of zeros for the entries of ν that are not given.  (1)"""
+    """Return L (3, m) with rows of zeros for the entries of ν that the sensor does not give.  (1)"""
     part, L = H[:, of], np.zeros((3, len(H)))
     L[of] = np.linalg.solve(part.T @ part, part.T)
     return L
@@ -94,7 +95,7 @@ def left_inverse(H: np.ndarray, of: list[int]) -> np.ndarray:
 def replaced(
     reading: Reading, sensor: Sensor, slot: Slot, nu: np.ndarray, bias: Value = 0.0, scale: Value = 0.0
 ) -> Value:
-    """Return ν (3,) with what the reading shows, less the errors `bias`, `scale`; ν where nothing came.  (1)"""
+    """Return ν (3,) with the reading in it, less `bias` and `scale`; `nu` unchanged if no reading arrived.  (1)"""
     came = arrived(sensor, slot)
     z = np.where(came, slot.z[list(reading.rows)], reading.at_rest)
     measured = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.slopes @ nu)

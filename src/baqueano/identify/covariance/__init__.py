@@ -1,1 +1,1 @@
-"""Covariance of what was estimated."""
+"""Covariance of the estimated parameters."""

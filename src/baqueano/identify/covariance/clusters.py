@@ -1,12 +1,13 @@
-"""Error bars of a regression whose residuals are autocorrelated, and how far they may be trusted.
+"""Compute the error bars of a regression whose residuals are autocorrelated, and their degrees of freedom.
 
     x̂ = arg min Σ_i ρ(y_i − h_i(x)),   A = Σ_i ρ''_i ∂h_iᵀ ∂h_i                                            (1)
     s_b = Σ_{i in batch b} ρ'_i ∂h_iᵀ,   cov x̂ = A⁻¹ (Σ_b s_b s_bᵀ) A⁻¹ B/(B − p)                        (2)
     interval: x̂ ± t_{B−p} √cov                                                                             (3)
 
-Residuals of neighbouring windows share their samples and the vehicle's own slow errors. Sums over batches that
-are longer than both are as good as independent, whatever the colour inside: (2) is the sandwich with batches
-for clusters. With few batches its scatter is not small, so the quantile is Student's.
+Residuals of neighbouring windows share samples and the slow errors of the vehicle. Sums over batches longer than both
+are practically independent, whatever the autocorrelation inside a batch. (2) is the sandwich estimator with batches
+as clusters. With few batches its scatter is large, so the quantile is Student's.
+
 Source: Liang and Zeger 1986; Cornish and Fisher for Student's quantile (3e-3 from 7 degrees of freedom on; exact
 below 5).
 """
@@ -19,9 +20,11 @@ from baqueano.identify.residuals.simulation import HUBER
 def batch_covariance(
     slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
-    """(p, p) of (2): `slopes` (N, p) of what was regressed on, `residuals` and `weights` (N,), `batch` (N,) the
-    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, where ρ'' = 0. Infinite where a
-    direction has zero slope."""
+    """Return the covariance (p, p) of (2), infinite if a direction has zero derivative.
+
+    `slopes` (N, p) are the derivatives, `residuals` and `weights` (N,) belong to the rows, and `batch` (N,) is the
+    batch number of each row. Rows whose weight is below 1 are Huber's outliers, where ρ'' = 0.
+    """
     p, count = slopes.shape[1], len(np.unique(batch))
     scale = np.sqrt(np.maximum(np.sum(slopes**2, axis=0), 1e-300))
     J = slopes / scale
@@ -36,7 +39,7 @@ def batch_covariance(
 
 
 def regress(slopes: np.ndarray, y: np.ndarray, iterations: int = 10) -> tuple[np.ndarray, np.ndarray]:
-    """Huber's regression of y (N,) on `slopes` (N, p): estimate (p,) and weights (N,)."""
+    """Return Huber's regression of y (N,) on `slopes` (N, p): the estimate (p,) and the weights (N,)."""
     weights = np.ones(len(y))
     x = np.zeros(slopes.shape[1])
     for _ in range(iterations):

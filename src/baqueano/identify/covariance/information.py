@@ -1,13 +1,13 @@
-"""Covariance of the parameters of a robust fit.
+"""Compute the covariance of the parameters of a robust fit.
 
     A = Σ ψ'(r) ∂r ∂rᵀ,   B = Σ ψ(r)² ∂r ∂rᵀ,   cov = A⁻¹ B A⁻¹ N/(N − p)                                  (1)
-    B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ    where residuals are autocorrelated         (2)
+    B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ    if residuals are autocorrelated            (2)
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
 
 (1) is the sandwich of an M-estimator. γ_c(l) in (2) is the autocovariance of ψ in channel c, L = 5 s or a tenth of a
-shorter run. (3) is for a run in K segments (segments.py), q shared parameters; it keeps the correlations. The sum of
-the autocorrelation over the first ticks decides whether residuals are white. Of a channel with FEW measurements ψ² is
-taken for 1, its mean if σ is right. docs/derivations/robust_covariance.md has the reasons.
+shorter run. (3) is for a run in K segments (segments.py) with q shared parameters; it keeps the correlations. The sum
+of the autocorrelation over the first ticks decides if residuals are white. If a channel has fewer than FEW
+measurements, ψ² is set to 1, its mean if σ is right. docs/derivations/robust_covariance.md gives the reasons.
 Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
 """
 
@@ -21,77 +21,77 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
-FAR = 1e100  # slopes beyond it are those of a model that ran away; their squares still are numbers
-MANY = 2  # pieces for each shared parameter: of fewer, sums of scores are drawn to 0 by the fit
-COLOUR = 0.15  # of the variance: the least sum of autocorrelation that counts as colour
+FAR = 1e100  # derivatives beyond it belong to a model that diverged; their squares are still finite
+MANY = 2  # segments for each shared parameter: with fewer, the fit draws the sums of scores to 0
+WHITE_LIMIT = 0.15  # of the variance: the least sum of autocorrelation that is not taken for white noise
 
 
 class Information(NamedTuple):
-    """Information of the data on θ."""
+    """Information of the data about θ, and what its covariance needs."""
 
     bread: np.ndarray  # A (p, p)
     meat: np.ndarray  # B (p, p)
     channels: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
-    autocorrelated: bool  # whether B is that of (2)
-    colour: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
+    autocorrelated: bool  # True if B is that of (2)
+    autocorrelation: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
     samples: int
-    scores: np.ndarray | None = (
-        None  # (K, p) s_k of (3); None where each run is whole, or the residuals white
-    )
+    scores: np.ndarray | None = None  # (K, p) s_k of (3); None if the runs are whole, or the residuals white
     shared: int = 0  # q
 
 
 def information(problem: Residuals, theta: np.ndarray) -> Information:
-    """A and B at θ (p,): those of (2) where the residuals are autocorrelated, else of (1)."""
+    """Return A and B at θ (p,): B of (2) if the residuals are autocorrelated, else of (1)."""
     p, m = problem.size, len(problem.sigma)
     A, B, channels = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
-    pieces = problem.sensitivities(theta)
-    colour = autocorrelation([r for r, _, _ in pieces], problem.has)
-    has_colour = bool(np.any(colour > COLOUR))
+    segments = problem.sensitivities(theta)
+    autocorrelation = autocorrelation_sums([r for r, _, _ in segments], problem.has)
+    is_autocorrelated = bool(np.any(autocorrelation > WHITE_LIMIT))
     few = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < FEW
 
-    def parts(piece: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        r, d, _ = piece
+    def parts(segment: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        r, d, _ = segment
         if not (np.max(d, initial=0.0) < FAR and np.min(d, initial=0.0) > -FAR and np.isfinite(r).all()):
-            r, d = np.zeros_like(r), np.zeros_like(d)  # a model that runs away tells nothing
+            r, d = np.zeros_like(r), np.zeros_like(d)  # a model that diverges gives no information
         bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
-        if has_colour:
+        if is_autocorrelated:
             scores_of_few = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
-            meat = coloured_scores(scores_of_few, has, d, record.dt_s)
+            meat = autocorrelated_scores(scores_of_few, has, d, record.dt_s)
             meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
-    sums = each(parts, pieces, problem.records, problem.has, rows=sum(map(len, problem.has)))
-    for (_, _, index), (channel, bread, meat) in zip(pieces, sums, strict=True):
+    sums = each(parts, segments, problem.records, problem.has, rows=sum(map(len, problem.has)))
+    for (_, _, index), (channel, bread, meat) in zip(segments, sums, strict=True):
         channels[:, index] += channel
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
-    scores = _by_piece(problem, pieces) if has_colour else None
+    scores = _by_segment(problem, segments) if is_autocorrelated else None
     samples = int(sum(has.sum() for has in problem.has))
-    return Information(A, B, channels, has_colour, colour, samples, scores, problem.layout.starts)
+    return Information(
+        A, B, channels, is_autocorrelated, autocorrelation, samples, scores, problem.layout.starts
+    )
 
 
-def _by_piece(problem: Residuals, pieces: list[Any]) -> np.ndarray | None:
-    """s_k (K, p) of (3); None where the runs are whole, or the pieces too few to tell."""
-    layout, count = problem.layout, len(pieces)
+def _by_segment(problem: Residuals, segments: list[Any]) -> np.ndarray | None:
+    """Return s_k (K, p) of (3), or None if the runs are whole or the segments too few."""
+    layout, count = problem.layout, len(segments)
     if count == max(layout.runs) + 1 or count < MANY * layout.starts:
         return None
     scores = np.zeros((count, problem.size))
-    for k, (r, d, index) in enumerate(pieces):
+    for k, (r, d, index) in enumerate(segments):
         if np.max(np.abs(d), initial=0.0) < FAR and np.isfinite(r).all():
             scores[k, index] = np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
     return scores
 
 
 def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A and B (p, p) of residuals (N, m) with slopes (N, m, p).  (1)"""
+    """Return A and B (p, p) for residuals (N, m) with derivatives (N, m, p).  (1)"""
     size, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
-    # few are clipped, so that this costs less than to choose the others
+    # few residuals are clipped: to subtract them costs less than to select the others
     return gram(d) - gram(d[size >= HUBER]), gram(d, np.minimum(size, HUBER) ** 2)
 
 
 def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
-    """Covariance (k, k) of the entries `identifiable` of θ, the others held.  (1), (3)"""
+    """Return the covariance (k, k) of the entries `identifiable` of θ, with the others fixed.  (1), (3)"""
     at = np.ix_(identifiable, identifiable)
     scale = np.sqrt(np.diagonal(info.bread)[identifiable])
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -110,14 +110,14 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
 
 
 def inverse(A: np.ndarray) -> np.ndarray:
-    """Return A⁻¹ (p, p) of scaled entries; a direction without information gets none."""
+    """Return A⁻¹ (p, p), computed from scaled entries; directions without information get 0."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     return np.linalg.pinv(A / np.outer(root, root), rcond=1e-12, hermitian=True) / np.outer(root, root)
 
 
-def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
-    """(m,) Σ of the autocorrelation over lags 1 to LAGS, of clipped residuals; rows without a measurement are
-    left out."""
+def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
+    """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, 0 if not significant. Residuals are clipped;
+    rows without a measurement are left out."""
     sums = each(_products, residuals, has, rows=sum(map(len, has)))
     total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
@@ -126,7 +126,7 @@ def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.nd
 
 
 def _products(r: np.ndarray, presence: np.ndarray) -> np.ndarray:
-    """(3, m) of residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and how many x there are."""
+    """Return (3, m) for residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and the number of values x."""
     out = np.zeros((3, r.shape[1]))
     for c in range(r.shape[1]):
         x = r[presence[:, c] > 0.0, c]
@@ -141,8 +141,8 @@ def _products(r: np.ndarray, presence: np.ndarray) -> np.ndarray:
     return out
 
 
-def coloured_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
-    """B (p, p) of scores ψ (N, m) with slopes d (N, m, p) under the autocovariance of ψ.  (2)"""
+def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+    """Return B (p, p) of scores ψ (N, m) with derivatives d (N, m, p), by the autocovariance of ψ.  (2)"""
     n, m, p = d.shape
     lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
     size = 1 << int(np.ceil(np.log2(2 * n)))
@@ -163,8 +163,8 @@ def coloured_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.nd
 
 
 def _root(B: np.ndarray) -> np.ndarray:
-    """F (k, k) with F Fᵀ = B and a little on its diagonal. Of a B that was put together from what blocks tell, rounding
-    leaves eigenvalues below 0: they count as 0."""
+    """Return F (k, k) with F Fᵀ = B plus a small number on its diagonal. If rounding makes eigenvalues of B
+    negative, that number replaces them."""
     little = 1e-13 * max(float(np.trace(B)), 1e-300)
     try:
         return np.linalg.cholesky(B + little * np.eye(len(B)))
@@ -174,7 +174,8 @@ def _root(B: np.ndarray) -> np.ndarray:
 
 
 def own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
-    """The least part of the information on the entries `at` that none of the `others` could take."""
+    """Return the smallest eigenvalue of the normalised information on the entries `at`, with the `others`
+    eliminated."""
     if not np.all(np.diagonal(A)[at] > 0.0):
         return 0.0
     both = np.concatenate([at, others])
@@ -189,7 +190,8 @@ def own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
 
 
 def own_sd(A: np.ndarray, at: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(q,) standard errors of the entries `at` of θ by the information A (p, p) on those that are `free` (p,)."""
+    """Return the standard errors (q,) of the entries `at` of θ, from the information A (p, p) on the `free` (p,)
+    ones."""
     entries = np.flatnonzero((free | np.isin(np.arange(len(free)), at)) & (np.diagonal(A) > 0.0))
     root = np.sqrt(np.diagonal(A)[entries])
     inverse = np.linalg.pinv(A[np.ix_(entries, entries)] / np.outer(root, root), hermitian=True)

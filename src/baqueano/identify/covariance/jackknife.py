@@ -1,14 +1,15 @@
-"""Errors by leaving out one block of the run at a time.
+"""Estimate standard errors by leaving out one block of the run at a time (jackknife).
 
     θ_b − θ̂ = (A − A_b)⁻¹ g_b,   g_b = Σ_t∈b ψ ∂r,   A_b = Σ_t∈b ψ' ∂r ∂rᵀ                                (1)
     cov = (n − 1)/n Σ_b (θ_b − θ̄)(θ_b − θ̄)ᵀ   over n blocks b of BLOCK_S                                 (2)
     cov ← D cov D,   D_i² = max(cov, A⁻¹, A⁻¹ B A⁻¹)_ii / cov_ii                                           (3)
     cov_ii ← max(C, (2))_ii   where   tr C⁻¹ (2) / k > 1 + 4 √(2/(n k)),   C = A⁻¹ B A⁻¹                   (4)
 
-(3) is for a model that lacks something, (4) for one that is right, over its k shared parameters. No block may be the
-only one with information on something, as that with a tape at the end. Longer runs have longer blocks, MOST of them.
-In a run of segments (segments.py) blocks lie inside of them, with d⊥ for ∂r in (1); then the segments themselves are
-the blocks, FEWEST_PIECES at least, and (4) is applied again. docs/derivations/robust_covariance.md has the reasons.
+(3) is for a model that lacks an effect, (4) for a correct model, over its k shared parameters. No parameter may depend
+on one block only, as on the block with a hand measurement at the end. Longer runs have longer blocks, at most MOST.
+In a run of segments (segments.py) each block lies inside one segment, with d⊥ for ∂r in (1). Then the segments
+themselves are the blocks, at least FEWEST_SEGMENTS, and (4) is applied again.
+docs/derivations/robust_covariance.md gives the reasons.
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 
@@ -23,13 +24,13 @@ from baqueano.identify.data.segments import slopes_without_start
 from baqueano.identify.parallel import gram
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
-BLOCK_S = 2.0  # a minute has more of them than a fit has parameters
+BLOCK_S = 2.0  # one minute contains more blocks than a fit has parameters
 FEWEST, MOST = 10, 60  # blocks
-FEWEST_PIECES = 3  # fewer agree or disagree by chance
+FEWEST_SEGMENTS = 3  # fewer segments agree or disagree by chance
 SURE = 4.0  # times the scatter of white noise
-LEAST = 1e-3  # part of the information on each entry that is left without a block: a start has none
-MOST_KNOWN = 0.9  # that a block may tell, of all that is known of anything
-MOST_OF_PIECE = 0.99  # that a piece may
+LEAST = 1e-3  # part of the information on each entry that stays without a block; a start would have 0
+MOST_KNOWN = 0.9  # largest part of the information on any direction that one block may have
+MOST_OF_SEGMENT = 0.99  # the same for one segment
 
 
 def jackknife(
@@ -38,28 +39,30 @@ def jackknife(
     identifiable: np.ndarray,
     bread: np.ndarray,
     alike: bool = False,
-    by_piece: bool = False,
+    by_segment: bool = False,
 ) -> np.ndarray | None:
-    """(2), (k, k), of the `identifiable` entries of θ with the information `bread` (p, p). Runs that are cut count
-    without their starts. None of too few blocks, of no entries, or of a model that ran away; if `alike`, also where
-    a block has more than MOST_KNOWN. If `by_piece`, each piece is a block, which may have MOST_OF_PIECE; None of
-    whole runs."""
-    if not len(identifiable) or (by_piece and not _is_cut(problem)):
+    """Return the covariance (k, k) of (2) of the `identifiable` entries of θ, with the information `bread` (p, p).
+
+    If runs are cut, the starts are eliminated first. If `by_segment`, each segment is one block. Return None for too
+    few blocks, no entries, a model that diverged, or `by_segment` with whole runs. If `alike`, return None also if
+    one block has more than MOST_KNOWN of the information (one segment: MOST_OF_SEGMENT).
+    """
+    if not len(identifiable) or (by_segment and not _is_cut(problem)):
         return None
     A = bread[np.ix_(identifiable, identifiable)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     inverse = np.linalg.inv(A / np.outer(root, root))
     place = np.full(problem.size, -1)
     place[identifiable] = np.arange(len(identifiable))
-    block_s = np.inf if by_piece else block_of(problem)
-    fewest, most = (FEWEST_PIECES, MOST_OF_PIECE) if by_piece else (FEWEST, MOST_KNOWN)
+    block_s = np.inf if by_segment else block_of(problem)
+    fewest, most = (FEWEST_SEGMENTS, MOST_OF_SEGMENT) if by_segment else (FEWEST, MOST_KNOWN)
     moves, shared_entries = [], np.flatnonzero(identifiable < problem.layout.shared)
     for (r, d, index), record in zip(slopes_of(problem, theta), problem.records, strict=True):
         inside = place[index] >= 0
         at = place[index[inside]]
         g, A_b = _blocks(r, d, edges_of(record, block_s, len(r)))
         g, A_b = g[:, inside] / root[at], A_b[:, inside][:, :, inside] / np.outer(root[at], root[at])
-        # a run knows few of the entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, C the part of A⁻¹ between them
+        # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, with C the part of A⁻¹ of these
         remainder = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
         moves.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[at] / root)
         between, own = inverse[np.ix_(at, shared_entries)], inverse[np.ix_(shared_entries, shared_entries)]
@@ -74,20 +77,20 @@ def jackknife(
 
 
 def block_of(problem: Residuals) -> float:
-    """Return the duration of a block [s]."""
+    """Return the duration of one block [s]."""
     return max(BLOCK_S, _driven_s(problem) / MOST)
 
 
 def edges_of(record: FitRecord, block_s: float, n: int) -> list[int]:
-    """Return the rows at which the blocks of a piece of `n` rows begin, and its end."""
+    """Return the rows at which the blocks of a segment of `n` rows begin, and `n`."""
     ends = np.cumsum(record.dt_s[record.lead :])
     first = record.lead + np.flatnonzero(np.diff(ends // block_s, prepend=-1.0))
     return [*first.tolist(), n]
 
 
 def slopes_of(problem: Residuals, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Per piece r (N, m), ∂r (N, m, q), and where the q entries stand in θ; where runs are cut without the starts, NaN
-    of a piece in which the model ran away."""
+    """Yield for each segment r (N, m), ∂r (N, m, q) and the indices of the q entries in θ. If runs are cut, the
+    starts are eliminated, and ∂r is NaN in a segment in which the model diverged."""
     for r, d, index in problem.sensitivities(theta):
         if not _is_cut(problem):
             yield r, d, index
@@ -100,22 +103,21 @@ def slopes_of(problem: Residuals, theta: np.ndarray) -> Iterator[tuple[np.ndarra
 
 
 def _is_cut(problem: Residuals) -> bool:
-    """Return True where runs are cut into segments."""
+    """Return True if runs are cut into segments."""
     return len(problem.records) > max(problem.layout.runs) + 1
 
 
 def _driven_s(problem: Residuals) -> float:
-    """Duration of all runs, the leads of their pieces not among it."""
+    """Return the duration of all runs [s], without the leads of their segments."""
     return sum(float(np.sum(record.dt_s[record.lead :])) for record in problem.records)
 
 
 def _of_one_block_only(
     A_b: np.ndarray, remainder: np.ndarray, between: np.ndarray, own: np.ndarray, most: float
 ) -> bool:
-    """Return True where a block holds more than `most` of the information on a direction of the shared entries;
-    `own` (k, k)
-    is their covariance, `between` (q, k) that of the entries of this run with them."""
-    more = between.T @ np.linalg.solve(remainder, A_b @ between)  # of `own`, without the block
+    """Return True if a block has more than `most` of the information on a direction of the shared entries. `own`
+    (k, k) is the covariance of these, `between` (q, k) that of the entries of this run with them."""
+    more = between.T @ np.linalg.solve(remainder, A_b @ between)  # increase of `own` without the block
     room = most / (1.0 - most) * own - 0.5 * (more + more.transpose(0, 2, 1))
     try:
         np.linalg.cholesky(room)
@@ -125,10 +127,10 @@ def _of_one_block_only(
 
 
 def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """g (n, q) and A (n, q, q) of (1), of residuals (N, m) with slopes (N, m, q) between the rows `edges`."""
+    """Return g (n, q) and A (n, q, q) of (1), from residuals (N, m), derivatives (N, m, q) and the rows `edges`."""
     (m, q), r, d = d.shape[1:], r.ravel(), d.reshape(-1, d.shape[2])
     g, A = np.zeros((len(edges) - 1, q)), np.zeros((len(edges) - 1, q, q))
-    with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
+    with np.errstate(invalid="ignore", over="ignore"):  # a model that diverged
         for b, (first, end) in enumerate(pairwise(m * np.array(edges))):
             x, residuals = d[first:end], r[first:end]
             g[b] = np.clip(residuals, -HUBER, HUBER) @ x
@@ -137,14 +139,14 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
 
 
 def no_smaller(
-    problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_piece: bool = False
+    problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p) with the errors of `other` (p, p) where these are larger. It does so for the k shared
-    entries, which come first, if the blocks (`by_piece`: the pieces) disagree.  (4)"""
+    """Return `cov` (p, p), with the errors of `other` (p, p) where these are larger. This applies to the first k
+    entries, the shared ones, if the blocks (`by_segment`: the segments) disagree.  (4)"""
     if other is None or not k:
         return cov
     shared_cov, blocks = cov[:k, :k], other[:k, :k]
-    n = len(problem.records) if by_piece else min(MOST, int(_driven_s(problem) / BLOCK_S))
+    n = len(problem.records) if by_segment else min(MOST, int(_driven_s(problem) / BLOCK_S))
     disagree = np.trace(np.linalg.solve(shared_cov, blocks)) / k
     if not disagree > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
         return cov
@@ -154,7 +156,7 @@ def no_smaller(
 
 
 def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
-    """Return `info` with the errors of `cov` (k, k) for the `identifiable` entries, its own where larger.  (3)"""
+    """Return `info` with the errors of `cov` (k, k) for the `identifiable` entries, unless its own are larger.  (3)"""
     at = np.ix_(identifiable, identifiable)
     A, meat = info.bread[at], info.meat.copy()
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))

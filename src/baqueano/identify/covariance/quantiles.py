@@ -1,4 +1,4 @@
-"""Quantiles of the normal distribution and of Student's t, without SciPy.
+"""Compute quantiles of the normal distribution and of Student's t, without SciPy.
 
 Cornish and Fisher's expansion is within 3e-3 from 7 degrees of freedom on; below 5 it is exact.
 """
@@ -11,7 +11,7 @@ QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a no
 
 
 def students(probability: float, freedom: float) -> float:
-    """The quantile of Student's t with `freedom` degrees of freedom, a whole number below 5."""
+    """Return the quantile of Student's t with `freedom` degrees of freedom, a whole number if below 5."""
     if freedom < 5:
         return _students_of_few(probability, int(freedom))
     z, n = NormalDist().inv_cdf(probability), float(freedom)
@@ -22,7 +22,7 @@ def students(probability: float, freedom: float) -> float:
 
 
 def _students_of_few(probability: float, freedom: int) -> float:
-    """The same for 1 to 4 degrees of freedom n, exact: the integral over θ = atan t/√n is known, and halved for."""
+    """Return the exact quantile for n = 1 to 4 degrees of freedom, by bisection of the integral over θ = atan(t/√n)."""
     of = {
         1: lambda x: x / np.pi,
         2: lambda x: 0.5 * np.sin(x),

@@ -1,4 +1,4 @@
-"""Effect of fixed scales and a fixed gyro bias on the covariance of a fit.
+"""Add the effect of fixed scales and a fixed gyro bias to the covariance of a fit.
 
     θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε                                                       (1)
     B ← B + Σ_c σ_c² g_c g_cᵀ                                                                             (2)
@@ -6,10 +6,10 @@
     σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
 
 g is the gradient of the cost, A its information. g_s comes from measurements changed by ± STEP, at the θ of the fit.
-With (2) in place of B, A⁻¹ B A⁻¹ gains exactly (1) of each. A data sheet's tolerance ± a is a uniform distribution,
-σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7).
-(3) is the fixed zero of a car's gyro, W the weights of its readings. σ is the error of the zero at rest where that was
-measured, else (4), the run's own knowledge of it; at most the data sheet's.
+With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. A data sheet's tolerance ± a is a
+uniform distribution, σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7).
+(3) is for the fixed zero of a car's gyro; W are the weights of its readings. σ is the error of the zero at rest if that
+was measured, else (4), estimated from the run itself, at most the value of the data sheet.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,18 +32,18 @@ if TYPE_CHECKING:
 STEP = 1e-3  # part of a reading, and of 1 rad/s
 ZERO_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
 GYRO = 2  # channel of an IMU
-SHEET = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs that nobody calibrated
+SHEET = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs without calibration
 CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
 
 
 def of_tolerance(tolerance: float) -> float:
-    """Standard deviation of what is known to lie within ± `tolerance`."""
+    """Return the standard deviation of a value that lies within ± `tolerance`."""
     return tolerance / np.sqrt(3.0)
 
 
 def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None) -> np.ndarray:
-    """(3,) relative standard deviations of the scales of an IMU: of `tolerance` {"accel", "gyro"}, else of the
-    measurement that the file tells, else of a data sheet."""
+    """Return the relative standard deviations (3,) of the scales of an IMU: from `tolerance` {"accel", "gyro"},
+    else from the measurement in the file, else from a data sheet."""
     tolerances = dict(tolerance or {})
     if not set(tolerances) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in tolerances.values()):
         raise UsageError(fault("tolerance.keys", given=tolerances, keys=SHEET))
@@ -55,8 +55,10 @@ def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | No
 
 
 def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
-    """The file that tells of scales how well they are known: {"sensors.imu.gyro_scale": 0.01} is ± 1 % of its
-    value. UsageError for anything but a scale of an IMU of the file, and for a tolerance outside 0 to 1."""
+    """Return the file with standard deviations of scales: {"sensors.imu.gyro_scale": 0.01} means ± 1 % of the value.
+
+    Raise UsageError for a path that is not a scale of an IMU of the file, and for a tolerance outside 0 to 1.
+    """
     from baqueano.vehicle_file import Provenance
 
     within = [
@@ -79,7 +81,7 @@ def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "Vehi
 
 
 def _measured_part(file: "VehicleFile", path: str, entry: int) -> float | None:
-    """The relative standard error of a scale that was measured."""
+    """Return the relative standard error of a scale, or None if it was not measured."""
     origin = file.provenance.get(path)
     if origin is None or origin.sd is None:
         return None
@@ -89,8 +91,7 @@ def _measured_part(file: "VehicleFile", path: str, entry: int) -> float | None:
 
 
 def zero_of(file: "VehicleFile", imu: str) -> float:
-    """Return the standard deviation of a gyro's zero [rad/s]: of the measurement that the file tells, else of a data
-    sheet."""
+    """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
     sd_rad_s = _measured_zero(file, imu)
     return of_tolerance(ZERO_RAD_S) if sd_rad_s is None else sd_rad_s
 
@@ -104,8 +105,8 @@ def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
 def covariance_by_zeros(
     problem: Residuals, theta: np.ndarray, identifiable: np.ndarray, bread: np.ndarray, file: "VehicleFile"
 ) -> np.ndarray:
-    """Return the covariance (p, p) that fixed zeros of gyros give to the `identifiable` (p,) entries of θ. A zero
-    that is in θ itself gives none. `bread` (p, p) is the information.  (3), (4)"""
+    """Return the covariance (p, p) that fixed zeros of gyros add to the `identifiable` (p,) entries of θ. A zero
+    that is in θ adds 0. `bread` (p, p) is the information.  (3), (4)"""
     cov, at, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
     free = {*problem.shape.shared, *problem.shape.own}
     gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]
@@ -121,7 +122,7 @@ def covariance_by_zeros(
             score, power = score + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inside @ W)
         A = bread[np.ix_(at, at)]
         if not (np.isfinite(g).all() and np.isfinite(A).all()):
-            continue  # a model that ran away
+            continue  # a model that diverged
         v, measured = inverse(A) @ g[at], _measured_zero(file, name)
         sd = _shown_zero(score, power - float(g[at] @ v)) if measured is None else measured
         cov[np.ix_(at, at)] += sd**2 * np.outer(v, v)
@@ -129,7 +130,7 @@ def covariance_by_zeros(
 
 
 def _shown_zero(score: float, power: float) -> float:
-    """σ of a zero that nobody measured.  (4)"""
+    """Return the standard deviation σ [rad/s] of a zero that was not measured.  (4)"""
     sheet = of_tolerance(ZERO_RAD_S)
     return min(sheet, float(np.hypot(score / power, power**-0.5))) if power > sheet**-2 else sheet
 
@@ -137,9 +138,9 @@ def _shown_zero(score: float, power: float) -> float:
 def with_systematic(
     info: Information, slope: Callable[[int, float, float], np.ndarray], scales: np.ndarray, zero: float
 ) -> Information:
-    """The information with the standard deviations of `scales` (m,) and of the gyro's `zero` [rad/s].  (2)
+    """Return `info` with the errors of `scales` (m,) and of the gyro's `zero` [rad/s], standard deviations.  (2)
 
-    `slope(c, scale, shift)` is the gradient (p,) when channel c is divided by `scale` and raised by `shift`.
+    `slope(c, scale, shift)` returns the gradient (p,) if channel c is divided by `scale` and raised by `shift`.
     """
     meat = info.meat.copy()
     for c in np.flatnonzero(scales > 0.0):

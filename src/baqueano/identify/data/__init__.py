@@ -1,1 +1,1 @@
-"""Runs as rows of a fit."""
+"""Conversion of runs to the rows that a fit reads."""

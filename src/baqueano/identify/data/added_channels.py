@@ -1,12 +1,12 @@
-"""Channels that a fit reads beside those of the sensors: the truth, and the voltage of the battery.
+"""Add channels that are not of a sensor to a fit: the truth, and the voltage of the battery.
 
     ν of the mark = R(−χ) (ν_x − l_y ν_ψ,  ν_y + l_x ν_ψ)                                                  (1)
 
-The truth is z = ν of a simulation, as the paper finds its matrices, or the pose that a camera saw. Where the mark sits
-is asked for as of a sensor, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad"; it belongs to the recording,
-and no vehicle file takes it. With battery = "logged" in the drivetrain, which a fit sets by itself where
-`battery_effect` is free, each row ends with the voltage that was measured last in the channel `battery`, in the place
-of `battery_v`; the actuator matrix is then the one at `battery_nominal_v`.
+The truth is z = ν of a simulation, used as the paper finds its matrices, or the pose that a camera measured. The place
+of the mark is a parameter, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad". It belongs to the recording
+and is not written to a vehicle file. If battery = "logged" in the drivetrain, each row ends with the newest voltage of
+the channel `battery`. It replaces `battery_v`; the actuator matrix is then the one at `battery_nominal_v`. A fit sets
+battery = "logged" itself if `battery_effect` is free.
 """
 
 from collections.abc import Sequence
@@ -28,15 +28,15 @@ from baqueano.symbolic import put
 from baqueano.vehicles.bounds import check_bounds
 
 TRUTH = "truth"
-MOUNT = f"sensors.{TRUTH}."  # begins what belongs to a recording
+MOUNT = f"sensors.{TRUTH}."  # prefix of parameters that belong to a recording
 CHANNEL = "battery"  # of the run
-VOLTAGE = "voltage of the battery"  # its place in a record: no name of a sensor
+VOLTAGE = "voltage of the battery"  # its key in a record; not the name of a sensor
 LIKELY = (0.5, 2.0)  # of the nominal voltage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Velocity:
-    """z = (ν_x, ν_y, ν_ψ) [m/s, m/s, rad/s]."""
+    """Sensor block of a measured velocity: z = (ν_x, ν_y, ν_ψ) [m/s, m/s, rad/s]."""
 
     size: int = 3
     lever_arm_m: np.ndarray = parameter(
@@ -50,14 +50,14 @@ class Velocity:
         check_bounds(self)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """ν (3,) of the mark, in its own axes.  (1)"""
+        """Return ν (3,) of the mark, in its own axes.  (1)"""
         vx, vy, w = motion.nu
         way = np.array([vx - self.lever_arm_m[1] * w, vy + self.lever_arm_m[0] * w])
         return np.array([*turned(way, -self.heading_rad), w])
 
 
 def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], Any]:
-    """The runs with their truth among the sensors, and its block beside the others."""
+    """Return the runs with their truth among the sensors, and the sensor blocks with that of the truth added."""
     out = []
     velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
     for run in runs:
@@ -71,7 +71,7 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
 
 
 def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
-    """The records with the voltage of their run, where the drivetrain asks for it."""
+    """Return the records with the voltage of their run, if the drivetrain requires it."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)
@@ -86,7 +86,7 @@ def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: Fitt
 
 
 def at_voltage(blocks: FittedBlocks, row: np.ndarray, volts: bool) -> FittedBlocks:
-    """The blocks with the voltage at the end of the row, if there is one."""
+    """Return the blocks with `battery_v` from the end of the row if `volts`, else unchanged."""
     return put(blocks, "model.drivetrain.battery_v", row[-1]) if volts else blocks
 
 
@@ -95,7 +95,7 @@ def _has_voltage(run: Run) -> bool:
 
 
 def _volts(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
-    """(N,) at the rows of the record."""
+    """Return the voltage (N,) [V] at the rows of the record."""
     if not _has_voltage(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))
     channel = run.sensors[CHANNEL]

@@ -1,16 +1,16 @@
-"""Measurements by hand: with a tape from the mark where the run began, and the angle that it turned.
+"""Read measurements by hand: the distance from the start by tape, and the angle that the vehicle turned.
 
     d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (1)
     σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN,   d_0 without noise                                          (2)
 
-    "12.4 s: 2.31 m"               so far from where it began, 12.4 s after the first tick
+    "12.4 s: 2.31 m"               2.31 m from where the run began, 12.4 s after the first tick
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
-    "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, and how sure it is: else ± 1 cm and ± 2 degrees
+    "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, with its tolerance; default ± 1 cm and ± 2 degrees
 
-of the pose at that time; the run begins at x = y = ψ = 0, and is not cut into pieces. They tell the scale of speed and
-gyro, which nothing on board tells. An angle is a direction: whole turns count as far as the model is within half a
-turn. A floor takes the vehicle elsewhere than a simulation, by the spread of DRAWN vehicles under the file's
-`process_noise_std` (2); with 0 a tape after a minute is believed to the centimetre: measure soon.
+They describe the pose at that time. The run begins at x = y = ψ = 0 and is not cut into segments. They show the scale
+of speed and gyro, which no sensor on board shows. An angle is a direction: whole turns count if the model is within
+half a turn. The floor moves the vehicle away from its simulation, by the spread of DRAWN vehicles under the file's
+`process_noise_std` (2). If that is 0, a tape after a minute is weighted with an error of only 1 cm: measure early.
 """
 
 import re
@@ -28,10 +28,10 @@ from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, Motion, seconds, sensor_slots
 from baqueano.symbolic import scan
 
-LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # what a hand, a tape and a line of chalk allow
+LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # accuracy of a tape and a line of chalk
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
-DRAWN = 24  # vehicles: σ to 15 %
+DRAWN = 24  # simulated vehicles; they give σ to 15 %
 SMALL_M = 1e-3  # keeps the root of (1) smooth at the mark
 LINE = re.compile(
     r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
@@ -52,52 +52,52 @@ class HandMeasurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tape:
-    """z = (√(x² + y²),) [m], from where the run began."""
+    """Sensor block of a distance: z = (√(x² + y²),) [m], from where the run began."""
 
     sd: float = LENGTH_STD_M
     size: int = 1
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (1, 1)."""
+        """Return the covariance Q (1, 1) [m²]."""
         return np.eye(1) * self.sd**2
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The distance (1,).  (1)"""
+        """Return the distance (1,) [m].  (1)"""
         return np.sqrt(np.array([motion.eta[0] ** 2 + motion.eta[1] ** 2 + SMALL_M**2]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BackOnMark:
-    """z = (x, y) [m]."""
+    """Sensor block of a position: z = (x, y) [m]."""
 
     sd: float = LENGTH_STD_M
     size: int = 2
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (2, 2)."""
+        """Return the covariance Q (2, 2) [m²]."""
         return np.eye(2) * self.sd**2
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The place (2,)."""
+        """Return the position (2,) [m]."""
         return motion.eta[:2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnAngle:
-    """z = (cos ψ, sin ψ): an angle without a jump at half a turn."""
+    """Sensor block of an angle: z = (cos ψ, sin ψ), without a jump at half a turn."""
 
     sd: float = ANGLE_STD_RAD
     size: int = 2
 
     @property
     def cov(self) -> np.ndarray:
-        """Q (2, 2): along the circle it is that of the angle."""
+        """Return the covariance Q (2, 2); along the circle it is the variance of the angle."""
         return np.eye(2) * self.sd**2
 
     def h(self, motion: Motion) -> np.ndarray:
-        """The direction (2,).  (1)"""
+        """Return the direction (2,).  (1)"""
         return np.array([np.cos(motion.eta[2]), np.sin(motion.eta[2])])
 
 
@@ -109,8 +109,8 @@ EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
 def with_tape(
     runs: Sequence[Run], blocks: FittedBlocks, measured: Sequence[str]
 ) -> tuple[list[Run], FittedBlocks]:
-    """The runs with what was measured by hand among their sensors, one for each measurement, and the blocks with
-    these beside the others."""
+    """Return the runs with the hand measurements among their sensors, one channel each, and the blocks with these
+    sensors added."""
     out, sensors = list(runs), blocks.sensors._asdict()
     for line in measured:
         at, parts = read(line, runs)
@@ -146,14 +146,13 @@ def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
         eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([columns, noise])))[1])[-1]
         ends.append(KINDS[measurement.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
     away = np.array(ends[1:]) - ends[0]
-    per_entry = (
-        1 if measurement.kind == "turned" else len(measurement.z)
-    )  # along a circle all of it is one angle
+    per_entry = 1 if measurement.kind == "turned" else len(measurement.z)  # both entries describe one angle
     return float(np.sqrt(np.sum(away**2) / (DRAWN * per_entry)))
 
 
 def read(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
-    """Which run, and what was measured of it. UsageError for what cannot be read."""
+    """Return the index of the run, and its measurements in `line`. Raise UsageError for a line that cannot be
+    parsed."""
     match = LINE.match(line.replace(",", ", "))
     if match is None:
         raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))

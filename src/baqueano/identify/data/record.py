@@ -1,16 +1,15 @@
-"""A run as the fit reads it: one row per tick, with all that was measured during that tick.
+"""Convert a run to the rows of a fit: one row per tick, with all that was measured during that tick.
 
-    dt_k = t_k − t_{k−1},  u_k in force during it,  z_k measured at its end, has_k = 0 where nothing was   (1)
+    dt_k = t_k − t_{k−1},  u_k in force during it,  z_k measured at its end, has_k = 0 without a measurement   (1)
 
-Ticks need not be regular. A long one is cut into equal rows, of which the last alone has measurements, so that the
-integrator stays exact: a step of Runge-Kutta is to be short beside the fastest motion of a small vehicle, 15 ms. A
-measurement belongs to the tick that ended at its own time stamp (not at its arrival) or first after it; of several in
-one tick the last one counts. Left out are entries that are not finite, also those that diagnostics/samples.py removed.
-What was measured before the first tick is left out too, where the model has not begun. So are readings at the end of
-the sensor's range, which are counted.
-
-Where a sensor's clock is not the commands', what it showed at t happened at t + o, |o| ≤ CLOCK_S: a measurement is read
-CLOCK_S after its stamp. The model's h is read at the age of t + o, from a line of the rows before (vehicles/delay.py).
+Ticks may be irregular. A long tick is cut into equal rows, so that the integrator stays exact: a step of Runge-Kutta
+must be short compared with the fastest motion of a small vehicle, 15 ms. Only the last of these rows has measurements.
+A measurement belongs to the tick that ends at its timestamp (not at its arrival), or to the first tick after it. If a
+tick contains several, the last one counts. Left out are entries that are not finite, also those that
+diagnostics/samples.py removed, and measurements before the first tick. Readings at the end of the sensor's range are
+left out and counted.
+If the clock of a sensor is not that of the commands, its reading of time t happened at t + o, |o| ≤ CLOCK_S. Such a
+reading is assigned CLOCK_S after its timestamp. The model's h is then read with that delay (vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,14 +28,14 @@ from baqueano.vehicles.rk4 import ROW_S, rows_in
 LONG_STEP = 2.5  # median steps, above which a step is a gap
 JUST = 1e-6  # of a row: rounding
 LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
-CLOCK_S = 0.25  # the largest offset of a clock that a fit looks for
+CLOCK_S = 0.25  # the largest clock offset that a fit estimates
 
 
 class Measurements(NamedTuple):
-    """One sensor's measurements, row by row."""
+    """Measurements of one sensor, row by row."""
 
-    z: np.ndarray  # (N, m), 0 where there is none
-    has: np.ndarray  # (N, m) 1.0 where there is one
+    z: np.ndarray  # (N, m), 0 without a measurement
+    has: np.ndarray  # (N, m) 1.0 at each measurement, else 0.0
     sample_fraction: (
         np.ndarray | None
     )  # (N,) part of the step by which it precedes the tick; None: on the tick;
@@ -53,7 +52,7 @@ class FitRecord(NamedTuple):
     sensors: dict[str, Measurements]
     notes: tuple[Diagnostic, ...]
     run: int = 0  # which of the runs of a fit
-    lead: int = 0  # rows at the beginning that belong to the piece before
+    lead: int = 0  # rows at the beginning that belong to the previous segment
 
 
 def record_of(
@@ -62,8 +61,8 @@ def record_of(
     only: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> FitRecord:
-    """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone; those in
-    `clocks` stand CLOCK_S late."""
+    """Return the rows of `run` for the sensor blocks, by name. Of the sensors in `only`, use only these channels.
+    Readings of the sensors in `clocks` are assigned CLOCK_S late."""
     if len(run.t_ns) < 2:
         raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
     steps = np.diff(run.t_ns)
@@ -73,9 +72,9 @@ def record_of(
     gaps = dt_s > LONG_STEP * median_ns * 1e-9
     if gaps.any():
         notes.append(note("data.gaps", gaps=int(gaps.sum()), longest_s=float(dt_s.max())))
-    pieces = rows_in(dt_s)
-    pieces[gaps] = np.maximum(pieces[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
-    ends = np.cumsum(pieces) - 1
+    splits = rows_in(dt_s)
+    splits[gaps] = np.maximum(splits[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
+    ends = np.cumsum(splits) - 1
     readings = {}
     for name, block in sensors.items():
         readings[name] = _measurements(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
@@ -83,15 +82,15 @@ def record_of(
             left_out = np.setdiff1d(np.arange(block.size), only[name])
             readings[name].has[:, left_out] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
-    if np.any(pieces > 1):
-        dt_s = np.repeat(dt_s / pieces, pieces)
-        u = np.repeat(u, pieces, axis=0)
+    if np.any(splits > 1):
+        dt_s = np.repeat(dt_s / splits, splits)
+        u = np.repeat(u, splits, axis=0)
         t_s = np.cumsum(dt_s) - dt_s[0]
     return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
 
 
 def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
-    """Return how many rows of the past a delay [s] needs, in the rows of `runs`."""
+    """Return a function that gives the number of past rows that a delay [s] needs, in the rows of `runs`."""
     ticks = [seconds(np.diff(run.t_ns)) for run in runs if len(run.t_ns) > 1]
     rows = [np.repeat(dt_s / rows_in(dt_s), rows_in(dt_s)) for dt_s in ticks]
     usual_s = min((float(np.median(dt_s)) for dt_s in rows), default=ROW_S)
@@ -110,7 +109,7 @@ def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
 
 
 def first_rows(record: FitRecord, rows: int) -> FitRecord:
-    """The first rows of it."""
+    """Return the record with its first `rows` rows only."""
     sensors = {
         name: Measurements(z[:rows], has[:rows], None if sample_fraction is None else sample_fraction[:rows])
         for name, (z, has, sample_fraction) in record.sensors.items()
@@ -119,7 +118,7 @@ def first_rows(record: FitRecord, rows: int) -> FitRecord:
 
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
-    """u (N, n), the last finite one where it is not known."""
+    """Return u (N, n), with the last finite command where it is unknown, and notes about that."""
     finite = np.asarray(np.isfinite(run.applied).all(axis=1))
     if finite.all():
         return run.applied, []
@@ -133,7 +132,7 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
 def _measurements(
     run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], late_s: float
 ) -> Measurements:
-    """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
+    """Return the measurements of one sensor at the rows `ends`, of ends[-1] + 1, each `late_s` after its timestamp."""
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
@@ -160,13 +159,16 @@ def _measurements(
     if late_s > 0.0:
         age_s = np.zeros(rows)
         age_s[at] = seconds(run.t_ns[tick[inside]], channel.t_ns[inside])
-        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * CLOCK_S))])] = 0.0  # line not full
+        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * CLOCK_S))])] = (
+            0.0  # delay line fills
+        )
         return Measurements(z, has, age_s)
     return Measurements(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
 
 
 def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: int) -> np.ndarray | None:
-    """Part of the step by which the stamps precede the ends of their ticks, (rows,)."""
+    """Return the part (rows,) of the step by which each timestamp precedes the end of its tick, or None if it is
+    negligible."""
     if not len(tick):
         return None
     before = run.t_ns[np.maximum(tick, 1) - 1]
@@ -179,7 +181,7 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
 
 
 def _sound(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
-    """(M, m) True where an entry may be believed."""
+    """Return a mask (M, m), True where an entry is finite and not at the end of the range."""
     good = np.isfinite(channel.z)
     limit = range_of(block)
     if limit is not None:
@@ -191,7 +193,7 @@ def _sound(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) ->
 
 
 def range_of(block: Tree) -> np.ndarray | None:
-    """(m,) the end of the range of an IMU; None for sensors without one."""
+    """Return the end of the range (m,) of an IMU, or None for other sensors."""
     if not has_field(block, "accel_limit"):
         return None
     step = np.array([block.accel_step, block.accel_step, block.gyro_step])
@@ -199,12 +201,12 @@ def range_of(block: Tree) -> np.ndarray | None:
 
 
 def slots_for(dt_s: np.ndarray) -> int:
-    """Rows of the past that offsets of ± CLOCK_S need, with steps `dt_s` (N,)."""
+    """Return the number of past rows that offsets of ± CLOCK_S need, with steps `dt_s` (N,) [s]."""
     return int(np.ceil(2.0 * CLOCK_S / float(np.median(dt_s)))) + 2
 
 
 class FittedBlocks(NamedTuple):
-    """The part of a vehicle that a fit sees, by the tables of its file."""
+    """The part of a vehicle that a fit uses, named as the tables of its file."""
 
     model: Tree
     sensors: ByName[Tree]  # NamedTuple of sensor blocks

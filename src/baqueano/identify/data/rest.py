@@ -1,13 +1,13 @@
-"""The bias of a gyro, measured while the vehicle stands, and whether a run begins at rest.
+"""Measure the bias of a gyro while the vehicle is at rest, and test if a run begins at rest.
 
-    b = b₀ + mean of (z − h), over what was measured while nothing was commanded for REST_S               (1)
+    b = b₀ + mean of (z − h), over the readings after REST_S without a command                            (1)
     w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
 
-A car that only drives cannot tell the bias of its gyro from a steering that is a little off. So of a car the bias is
-not estimated along with the model: it is (1) where a run stands for LEAST_S more, else the one of the vehicle file. A
-run begins at rest where its first readings of a speed are 0 within FAR times their white noise w; w is von Neumann's,
-of the whole run; where no sensor shows a speed, where it begins without a command, and until the first one no reading
-scatters by more than QUIET w: a vehicle that coasts slows down.
+From the drive of a car, the bias of its gyro cannot be separated from a small steering offset. So the bias of a car is
+not estimated with the model: it is (1) if a run is at rest for LEAST_S more, else the value of the vehicle file.
+A run begins at rest if its first readings of a speed are 0 within FAR times their white noise w (von Neumann's
+estimate over the whole run). If no sensor measures a speed, it begins at rest if it begins without a command and no
+reading before the first command scatters by more than QUIET w: a vehicle that coasts slows down.
 """
 
 from collections.abc import Sequence
@@ -25,17 +25,16 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-REST_S = 1.0  # without any command, before the vehicle counts as standing
-TINY = 1e-9  # of readings without noise
-LEAST_S = 1.0  # of measurements from then on: the zero of a small gyro wanders in less
-FAR = 4.0  # w, of a speed that may be 0
+REST_S = 1.0  # without any command, before the vehicle counts as at rest
+TINY = 1e-9  # tolerance for readings without noise
+LEAST_S = 1.0  # of measurements after REST_S, the shortest time for a bias
+FAR = 4.0  # times w, the largest reading of a speed that counts as 0
 FIRST = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
-QUIET = 2.0  # times the noise of the file: a gyro that scatters more is being turned
+QUIET = 2.0  # times the noise of the file: a gyro that scatters more is being turned by hand
 
 
 def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", Diagnostic | None]:
-    """Return the file with the bias of its gyro as the runs show it at rest, and that as a message; None where none
-    rests."""
+    """Return the file with the gyro bias at rest in the runs, and a message, or the file and None without a rest."""
     for name, sensor in file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue
@@ -51,8 +50,8 @@ def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["Vehicl
 
 
 def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
-    """Return whether a run begins at a standstill, as far as its commands and `sensors` show.  (2)"""
-    driven_ticks = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # not known counts as driven
+    """Return True if a run begins at rest, as far as its commands and `sensors` show.  (2)"""
+    driven_ticks = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # NaN counts as driven
     first_ns = run.t_ns[max(driven_ticks[0] - 1, 0)] if len(driven_ticks) else run.t_ns[-1]
     quiet = not len(driven_ticks) or driven_ticks[0] > 0
     for name, sensor in sensors._asdict().items():
@@ -64,7 +63,7 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
         white = np.sqrt(0.5 * np.mean(step**2, axis=0))
         if not has_field(sensor, "gyro_bias") and shows_speed(sensor).any():
             first = np.abs(channel.z[:FIRST, shows_speed(sensor)])
-            return not np.any(first > FAR * white[shows_speed(sensor)] + TINY)  # not known is not moving
+            return not np.any(first > FAR * white[shows_speed(sensor)] + TINY)  # NaN does not count as moving
         before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         quiet = (
             quiet and len(before) >= FIRST and bool(np.all(np.std(before, axis=0) <= QUIET * white + TINY))
@@ -73,7 +72,7 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
 
 
 def shows_speed(sensor: "Tree") -> np.ndarray:
-    """Return which channels (m,) follow ν and not ν̇."""
+    """Return a mask (m,) of the channels that depend on ν and not on ν̇."""
     none, no_force = np.zeros(3), np.zeros(2)
     at_rest, moving = (sensor.h(Motion(none, nu, none, no_force)) for nu in (none, np.array([1.0, 0.0, 1.0])))
     faster = sensor.h(Motion(none, none, np.ones(3), no_force))
@@ -81,15 +80,15 @@ def shows_speed(sensor: "Tree") -> np.ndarray:
 
 
 def standing(run: "Run", t_ns: np.ndarray) -> np.ndarray:
-    """(K,) True at the times `t_ns` (K,) before which nothing was commanded for REST_S."""
-    driven_ticks = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    """Return a mask (K,), True at the times `t_ns` (K,) that follow REST_S without a command."""
+    driven_ticks = np.any(run.applied != 0.0, axis=1)  # NaN counts as driven
     last = np.maximum.accumulate(np.where(driven_ticks, run.t_ns, run.t_ns[0]))
     tick = np.clip(np.searchsorted(run.t_ns, t_ns), 0, len(run.t_ns) - 1)
     return ~driven_ticks[tick] & (t_ns - last[tick] > REST_S * NANOSECONDS)
 
 
 def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
-    """(K,) what the gyro showed beyond its model while the vehicle stood; empty if it did not."""
+    """Return the gyro readings minus the model (K,) while the vehicle was at rest; empty if it was not."""
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)

@@ -1,13 +1,13 @@
-"""A long run as short pieces, each with a start of its own: multiple shooting.
+"""Cut a long run into short segments, each with its own start: multiple shooting.
 
     A_r = A − A_s A_ss⁻¹ A_sᵀ,   B_r = G B Gᵀ,   G = (I, −A_s A_ss⁻¹)                                       (1)
     d⊥ = d − d_s A_ss⁻¹ A_sᵀ,   A_r = Σ w d⊥ d⊥ᵀ                                                           (2)
 
-A simulation that is never corrected wanders off, by its heading and by a floor. Cut into pieces of a few seconds, each
-begins anew where the data say; all share the parameters: θ = (shared | by run | by piece). Before its first measurement
-a piece has a lead, in which delayed commands and sensors fill their lines. The starts s are of no interest, and taken
-out block by block (1), or row by row with the weights w = ψ'(r) of A (2).
-Source: Bock 1983 for the pieces; Schur's complement.
+A simulation without correction drifts away, by its heading and by the floor. Each segment of a few seconds has its own
+initial state (its start), and all share the parameters: θ = (shared | by run | by segment). Before its first
+measurement a segment has a lead, in which delayed commands and sensors fill their buffers. The starts s are nuisance
+parameters: they are eliminated block by block (1), or row by row with the weights w = ψ'(r) of A (2).
+Source: Bock 1983 for the segments; Schur's complement.
 """
 
 from collections.abc import Sequence
@@ -18,16 +18,16 @@ import numpy as np
 
 from baqueano.identify.data.record import FitRecord, Measurements
 
-LEAST = 1e-9  # of the largest eigenvalue of a start's information: below it that direction is not seen
+LEAST = 1e-9  # of the largest eigenvalue of a start's information: smaller directions are unobservable
 
 
 class ThetaLayout(NamedTuple):
-    """Places of the entries of each segment in θ."""
+    """Positions in θ of the entries of each segment."""
 
     shared: int
     by_run: int
-    by_piece: int
-    runs: tuple[int, ...]  # of each piece
+    by_segment: int
+    runs: tuple[int, ...]  # of each segment
 
     @property
     def starts(self) -> int:
@@ -36,13 +36,13 @@ class ThetaLayout(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Of θ."""
-        return self.starts + self.by_piece * len(self.runs)
+        """Return the length of θ."""
+        return self.starts + self.by_segment * len(self.runs)
 
     @property
     def indices(self) -> list[np.ndarray]:
-        """Per piece, its entries."""
-        s, o, q = self.shared, self.by_run, self.by_piece
+        """Return for each segment the indices of its entries in θ."""
+        s, o, q = self.shared, self.by_run, self.by_segment
         first = self.starts
         return [
             np.concatenate(
@@ -56,13 +56,16 @@ class ThetaLayout(NamedTuple):
         ]
 
     def of_starts(self, k: int) -> slice:
-        """The start of piece k."""
-        return slice(self.starts + k * self.by_piece, self.starts + (k + 1) * self.by_piece)
+        """Return the slice of θ with the start of segment k."""
+        return slice(self.starts + k * self.by_segment, self.starts + (k + 1) * self.by_segment)
 
 
 def cut(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
-    """Pieces of about `segment_s`, each after the first with a lead of `lead_s`, and of one row at least, without
-    measurements: what was measured between two ticks lies between what both rows show."""
+    """Return segments of about `segment_s`, each after the first with a lead of `lead_s`.
+
+    The lead is without measurements and at least one row long, as a reading between ticks is interpolated between
+    rows.
+    """
     ends = np.cumsum(record.dt_s)
     count = max(1, round(float(ends[-1]) / segment_s))
     edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
@@ -70,11 +73,11 @@ def cut(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
     out = []
     for first, last in pairwise(edges):
         begin = int(np.searchsorted(ends, ends[first] - lead_s))
-        out.append(_piece(record, max(min(begin, int(first) - 1), 0), int(first), int(last)))
+        out.append(_segment(record, max(min(begin, int(first) - 1), 0), int(first), int(last)))
     return out
 
 
-def _piece(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
+def _segment(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
     sensors = {}
     for name, (z, has, sample_fraction) in record.sensors.items():
         has = has[begin:last].copy()
@@ -87,14 +90,15 @@ def _piece(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
 
 
 def without_starts(bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout) -> tuple[np.ndarray, np.ndarray]:
-    """A and B (r, r) of shared and run's entries, the starts taken out.  (1)"""
+    """Return A and B (r, r) of the shared entries and those of the runs, with the starts eliminated.  (1)"""
     return without(bread, meat, layout.starts, [layout.of_starts(k) for k in range(len(layout.runs))])
 
 
 def without(
     bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (r, r) of the `first` r entries, without the `blocks`, of which no two share information.  (1)"""
+    """Return A and B (r, r) of the `first` r entries, with the `blocks` (without common information) eliminated.
+    (1)"""
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
     for at in blocks:
         gain = bread[:first, at] @ _inverse(bread[at, at])  # A_s A_ss⁻¹
@@ -105,8 +109,8 @@ def without(
 
 
 def slopes_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Return d⊥ (N, m, q) of the slopes d (N, m, p) of a piece with weights w (N, m); `start` (p,) bool marks the
-    entries of its start.  (2)"""
+    """Return d⊥ (N, m, q) from the derivatives d (N, m, p) of a segment with weights w (N, m). `start` (p,) bool
+    marks the entries of its start.  (2)"""
     own, rest = d[..., start], d[..., ~start]
     weighted_slopes = own * w[..., None]
     axes = (0, 1), (0, 1)
@@ -115,7 +119,7 @@ def slopes_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.
 
 
 def _inverse(A: np.ndarray) -> np.ndarray:
-    """Of a small information matrix, 0 in directions that nothing shows."""
+    """Return the pseudo-inverse of a small information matrix; directions without information get 0."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     values, vectors = np.linalg.eigh(A / np.outer(root, root))
     positive = values > LEAST * np.max(values, initial=1e-300)

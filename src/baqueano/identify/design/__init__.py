@@ -1,1 +1,1 @@
-"""Designed experiments: as much information as a room, a vehicle and a time allow."""
+"""Design of experiments: as much information as a room, a vehicle and a time allow."""

@@ -1,14 +1,14 @@
-"""Pieces in an order: as much information as the room allows.
+"""Choose pieces of motion and their order for the largest information that the room allows.
 
     max over sequences (i_1 … i_n)  J(Σ_k F_{i_k})     subject to  the corridor of the sequence inside    (1)
     J(A + F) ≤ J(A) + tr(J'(A) F)                                                                         (2)
     pose_l ← pose_l ∘ end_{i,l}                                                                           (3)
 
-First greedily, one piece after the other; then by exchange (Fedorov): each place in turn is given the piece
-that is worth most there among those with which all that follows still stays inside. (2), J being concave but
-for its nuisance, says which pieces are worth a closer look. J is lessened by PRICE for how far a piece ends
-from where it began: of two equal ones the search takes the one that comes back. The corridor is that of the
-possible vehicles, whose paths through a sequence follow from their paths through the pieces by (3).
+The search is first greedy, one piece after the other. Then it exchanges (Fedorov): each place in turn gets the most
+informative piece with which the rest of the sequence stays inside. (2) is an upper bound, as J is concave except for
+its nuisance, and selects the pieces to evaluate exactly. J is reduced by PRICE for the distance at which a piece ends
+from where it began. The mean is over the possible vehicles; their paths through a sequence follow from their paths
+through the pieces by (3).
 """
 
 from collections.abc import Sequence
@@ -18,29 +18,29 @@ import numpy as np
 from baqueano.identify.design.motion_library import in_map
 from baqueano.identify.design.room import DEVIATIONS, Room, reach
 
-CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first
-DEEP = 320  # pieces that are looked at for one place
-PRICE = 1.0  # in J, of a piece that leaves the vehicle a whole room from where it began
-NEAR = 25.0  # in J, for a whole room of reach: pieces for a vehicle that may not go further
-SWEEPS = 2  # over all places, at most, before new pieces are asked for
+CLOSER = 24  # pieces that are evaluated exactly at once, those of the highest bound first
+DEEP = 320  # pieces that are tried for one place
+PRICE = 1.0  # in J, of a piece that ends one room away from where it began
+NEAR = 25.0  # price in J for a reach of one room, in the choice of pieces that stay near
+SWEEPS = 2  # over all places, at most, before new pieces are added
 
 
 class Composer:
-    """The search of (1) over a library that may grow."""
+    """Search of (1) over a library of pieces that may grow."""
 
     def __init__(self, room: Room, places: int, interest: int) -> None:
         self.room, self.places, self.interest = room, places, interest
         self.chosen: list[int] = []
         self.F = np.zeros((0, 0, 0, 0))
         self.price = np.zeros(0)
-        self.reach = np.zeros(0)  # how far it leads from where it begins, in rooms
+        self.reach = np.zeros(0)  # largest distance from the beginning of the piece, in rooms
         self.path = np.zeros((0, 0, 0, 3))
         self.xy = np.zeros((2, 0, 0, 0), np.float32)  # (2, P, S, L) the same, for sums over the vehicles
         self.upper = np.zeros((0, 0))  # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
 
     def grow(self, F: np.ndarray, path: np.ndarray) -> None:
-        """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all possible
-        vehicles along them; the last is where they come to rest."""
+        """Add pieces: their information F (P, M, q, q) for M possible vehicles, and the poses `path` (P, L, S, 3)
+        of all possible vehicles along them. The last pose is that at rest."""
         upper = F[:, :, *np.triu_indices(F.shape[-1])].reshape(len(F), -1)
         self.upper = upper if not len(self.F) else np.concatenate([self.upper, upper])
         self.F = F if not len(self.F) else np.concatenate([self.F, F])
@@ -53,13 +53,13 @@ class Composer:
         self.price = PRICE * np.sqrt(np.mean(np.sum(distance**2, axis=-1), axis=-1)) / np.min(self.room.free)
 
     def score(self, F: np.ndarray) -> np.ndarray:
-        """J (…,) of F (…, M, q, q): of a Cholesky factor that begins with the nuisance, what follows on it."""
+        """Return J (…,) of F (…, M, q, q), from the Cholesky factor of F + I with the nuisance first."""
         root = np.linalg.cholesky((F + np.eye(F.shape[-1]))[..., ::-1, ::-1])
         ends = np.diagonal(root, axis1=-2, axis2=-1)[..., -self.interest :]
         return np.mean(2.0 * np.sum(np.log(ends), axis=-1), axis=-1)
 
     def search(self) -> float:
-        """Fills the places, or improves what is in them; J of it, less its price."""
+        """Fill the places, or improve the pieces in them, and return J less the price."""
         if not self.chosen:
             self._greedy()
         best = float(self.score(self.F[self.chosen].sum(axis=0)) - self.price[self.chosen].sum())
@@ -73,8 +73,8 @@ class Composer:
         return best
 
     def again(self, path: np.ndarray, some: np.ndarray) -> float:
-        """From the beginning, with other vehicles, whose poses along all pieces are `path` (P, L, S, 3), and
-        with `some` of the pieces alone."""
+        """Search from the beginning, with `some` of the pieces only and with other vehicles, whose poses along all
+        pieces are `path` (P, L, S, 3)."""
         self.chosen, self.path = [], path[some]
         self.F, self.upper, self.price = self.F[some], self.upper[some], self.price[some]
         self.reach = self.reach[some]
@@ -84,7 +84,7 @@ class Composer:
     def instead(
         self, chosen: list[int], place: int, pose: np.ndarray, prices: Sequence[float], count: int
     ) -> list[int]:
-        """Pieces for that place beside all the others of `chosen`, of those that should stay inside from the poses
+        """Return pieces for `place` beside the others of `chosen`, of those that should stay inside from the poses
         (L, 3) on: the `count` best at each price of their reach, in order."""
         rest_of_pieces = [*chosen[:place], *chosen[place + 1 :]]
         rest = self.F[rest_of_pieces].sum(axis=0)
@@ -95,8 +95,11 @@ class Composer:
         return list(dict.fromkeys(np.concatenate(best).tolist()))
 
     def keep(self, count: int) -> np.ndarray:
-        """Forget all but the `count` pieces that are worth most beside the chosen ones; a quarter as many that also
-        keep near, the chosen and the first stay too; which are left, in order."""
+        """Keep only the `count` pieces with the highest bound beside the chosen ones, and return the indices of all
+        kept.
+
+        The chosen pieces, the first one, and `count` // 4 pieces that stay near are kept too.
+        """
         bound = self._bound(self.F[self.chosen].sum(axis=0))
         near = np.argsort(NEAR * self.reach - bound)[: count // 4]
         survivors = np.unique([0, *self.chosen, *near, *np.argsort(self.price - bound)[:count].tolist()])
@@ -115,13 +118,13 @@ class Composer:
             pose = in_map(pose, self.path[k, :, -1])
 
     def _sort(self) -> None:
-        """Put pieces that leave the position unsure last, if that order stays inside too: the sum is the same."""
+        """Put pieces that leave the position uncertain last, if that order stays inside; the sum stays the same."""
         order = sorted(self.chosen, key=lambda k: self.price[k])
         if self._inside(self._start(), np.array(order[:1]), order[1:])[0]:
             self.chosen = order
 
     def _exchange(self, place: int, best: float) -> float:
-        """A better piece for the place, if there is one; J of all, less its price."""
+        """Put a better piece in the place, if one exists, and return J of the sequence less its price."""
         before, after = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
         for k in before:
@@ -137,8 +140,8 @@ class Composer:
     def _first_inside(
         self, rest: np.ndarray, pose: np.ndarray, after: list[int], least: float
     ) -> tuple[int, float] | None:
-        """The piece that is worth most beside F = `rest` (M, q, q), more than `least`, of those that stay
-        inside from the poses (L, 3) on with all that comes `after`; and J with it."""
+        """Return the best piece beside F = `rest` (M, q, q), and J with it, or None if none reaches `least`. It
+        must stay inside from the poses (L, 3) on, together with all pieces of `after`."""
         order = np.argsort(-self._bound(rest) + self.price)
         for at in range(0, min(len(order), DEEP), CLOSER):
             some = order[at : at + CLOSER]
@@ -154,7 +157,7 @@ class Composer:
         return None
 
     def _bound(self, rest: np.ndarray) -> np.ndarray:
-        """(P,) what each piece is worth at most beside F = `rest` (M, q, q).  (2)"""
+        """Return the upper bound (P,) of what each piece adds to J beside F = `rest` (M, q, q).  (2)"""
         whole, k = rest + np.eye(rest.shape[-1]), self.interest
         slope = np.linalg.inv(whole)
         slope[:, k:, k:] -= np.linalg.inv(whole[:, k:, k:])
@@ -165,8 +168,8 @@ class Composer:
         return np.tile(np.array(self.room.start), (self.path.shape[1], 1))
 
     def _inside(self, pose: np.ndarray, pieces: np.ndarray, after: list[int]) -> np.ndarray:
-        """(C,) bool: whether the corridor of each of these pieces, followed by all of `after`, stays in the room
-        from the poses (L, 3) on.  (3)"""
+        """Return a mask (C,): True if the corridor of a piece, followed by all of `after`, stays in the room from
+        the poses (L, 3) on.  (3)"""
         fits = self._margin(pose[None], pieces) >= 0.0
         poses = in_map(pose, self.path[pieces][:, :, -1])
         for k in after:
@@ -178,7 +181,7 @@ class Composer:
         return fits
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-        """(C,) `Room.margin` of the pieces from the poses (C, L, 3); either may be one for all."""
+        """Return `Room.margin` (C,) of the pieces from the poses (C, L, 3). One pose or piece may serve for all."""
         margins, each = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
         for at, far in zip(self._at(pose, pieces), self.room.free, strict=True):
             mean = at @ each
@@ -188,7 +191,7 @@ class Composer:
         return np.minimum(*margins)
 
     def _at(self, pose: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x and y (C, S, L) along the pieces from the poses (C, L, 3); either may be one for all."""
+        """Return x and y (C, S, L) along the pieces from the poses (C, L, 3). One pose or piece may serve for all."""
         pose = pose.astype(np.float32)[:, None]  # to a tenth of a millimetre
         c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         x, y = self.xy[:, pieces]

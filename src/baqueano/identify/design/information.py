@@ -1,14 +1,14 @@
-"""Fisher information of a drive on the parameters, exact, before it is driven.
+"""Compute the Fisher information of a drive about the parameters, exactly, before the drive.
 
     F = Σ_k Hᵀ Q⁻¹ H,   H_k = ∂h(x_k)/∂(θ, b, ν₀)      along the simulation                               (1)
-    S = F_θθ − F_θn F_nn⁻¹ F_nθ                         what is left of it for θ                          (2)
+    S = F_θθ − F_θn F_nn⁻¹ F_nθ                         information about θ with n unknown                (2)
     J = mean over some possible vehicles of log det(D S D + P₀)                                           (3)
 
-θ are the parameters that the default fit frees and this vehicle can show; n is what has to be estimated with
-them and interests nobody: the biases of the sensors, the velocity at the start, and what the fit frees though it is
-0 in the file. D holds the size of each parameter, so that S is in parts of its value; P₀ = 1 says that
-each is known to its own size, and keeps what a drive does not show from ruling (3) (a Bayesian D-optimal
-design; Chaloner and Verdinelli 1995). F is that of white sensor noise: what the floor adds is not in it.
+θ are the parameters that the default fit frees and this vehicle can show. n is the nuisance, estimated together with
+them: the biases of the sensors, the velocity at the start, and free parameters that are 0 in the file. D = diag(size
+of each parameter), so that S is relative to its value. P₀ = 1 is a prior of 100 % of that size, so that parameters
+that a drive does not show do not dominate (3) (a Bayesian D-optimal design; Chaloner and Verdinelli 1995). F is for
+white sensor noise, without the noise of the floor.
 """
 
 from collections.abc import Sequence
@@ -35,20 +35,20 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
-NUISANCE_SD = 0.3  # m/s², rad/s, m/s: what is thought of a bias or a start beforehand
+NUISANCE_SD = 0.3  # m/s², rad/s, m/s: prior standard deviation of a bias or a start
 
 
 class Unknowns(NamedTuple):
-    """θ and the nuisance of (1)."""
+    """Parameters θ and nuisance of (1)."""
 
-    paths: tuple[str, ...]  # q of them; those of interest first
-    interest: int  # how many
+    paths: tuple[str, ...]  # (q,), those of interest first
+    interest: int  # number of paths of interest
     start: tuple[int, ...]  # entries of ν₀, after the paths
-    size: np.ndarray  # (q + starts,) of each: its value, or what is thought of it beforehand
+    size: np.ndarray  # (q + starts,) size of each: its value, or its prior standard deviation
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters of interest."""
+        """Return the paths of the parameters of interest."""
         return self.paths[: self.interest]
 
 
@@ -74,7 +74,7 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
 
 
 class Informant:
-    """F of drives of one vehicle file."""
+    """Fisher information F of drives of one vehicle file."""
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self.of = unknowns(vehicle_file)
@@ -99,7 +99,7 @@ class Informant:
         self.kernel = scan(step, start, np.zeros(n), self.nominal, backend=backend)
 
     def theta(self, paths: Sequence[str], numbers: np.ndarray) -> np.ndarray:
-        """θ with other numbers (p,) at some paths; those that are not its own are left out."""
+        """Return the nominal θ with other `numbers` (p,) at `paths`; paths that are not in θ are ignored."""
         theta = self.nominal.copy()
         for path, x in zip(paths, numbers, strict=True):
             if path in self.of.paths:
@@ -107,30 +107,29 @@ class Informant:
         return theta
 
     def information(self, u: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
-        """D F D (q, q) of the drive with `u` (N, n).  (1)"""
+        """Return D F D (q, q) of the drive with the commands `u` (N, n).  (1)"""
         F = self.kernel.normal_equations(u, self.nominal if theta is None else theta).hessian
         return F * np.outer(self.of.size, self.of.size)
 
     def score(self, F: np.ndarray) -> np.ndarray:
-        """(…,) log det of (3) from D F D (…, q, q)."""
+        """Return log det (…,) of (3) from D F D (…, q, q)."""
         whole = F + np.eye(F.shape[-1])
         k = self.of.interest
         return np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole[..., k:, k:])[1]
 
     def relative_sd(self, F: np.ndarray) -> np.ndarray:
-        """(p,) standard error of each parameter of interest in parts of its nominal value; never above 1, what
-        is thought of it beforehand."""
+        """Return the relative standard error (p,) of each parameter of interest. It is at most 1, the prior."""
         return np.sqrt(np.diagonal(np.linalg.inv(F + np.eye(len(F))))[: self.of.interest])
 
 
 def mean_error(relative_sd: np.ndarray) -> float:
-    """The geometric mean over the parameters."""
+    """Return the geometric mean of the relative standard errors."""
     return float(np.exp(np.mean(np.log(relative_sd))))
 
 
 def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
-    """Return the largest entry of the row of a matrix; of the frictions of an axis, as if it went at 1 m/s or 1 rad/s;
-    of the whole field, where these are 0; 1 where it is."""
+    """Return the size of a parameter that is 0: the largest entry of its matrix row or of the frictions of its axis
+    (at 1 m/s or 1 rad/s), else of its field, else 1."""
     parameter = described(blocks, path, {})
     same = [
         candidate

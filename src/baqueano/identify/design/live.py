@@ -1,16 +1,16 @@
-"""Fisher information while a vehicle drives, window by window; the batch of information.py is its sum.
+"""Compute the Fisher information while a vehicle drives, window by window; that of information.py is its sum.
 
     S ← ∂x′/∂x S + ∂x′/∂θ                                                                                (1)
     F ← F + Hᵀ Q⁻¹ H,   H = ∂h/∂θ + ∂h/∂x S                                                              (2)
 
-x is the state of the simulated vehicle, h what its sensors show, θ parameters and nuisance. A window is one call of one
-compiled scan over (θ, x): it returns h and x with their derivatives by both, taken at the window's start. What a
-sensor did not measure adds nothing. Only the part of x that an output depends on is kept: no sensor here sees where
-the vehicle is.
+x is the state of the simulated vehicle, h the sensor readings, θ the parameters and the nuisance. A window is one call
+of a compiled scan over (θ, x). It returns h and x with their derivatives with respect to both, taken at the start of
+the window. A missing measurement adds 0. Only the entries of x on which an output depends are kept: no sensor here
+measures the position of the vehicle.
 
     bits = −Σ log₂ σ_i                                                                                    (3)
 
-σ_i is the standard error in parts of the parameter's size, at most 1: what is thought of it beforehand.
+σ_i is the standard error relative to the size of the parameter, at most 1, the prior.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,16 +28,16 @@ WINDOW = 10  # ticks
 
 
 class InformationState(NamedTuple):
-    """The information of the ticks so far."""
+    """Information of the ticks so far."""
 
-    theta: np.ndarray  # (q,) where the derivatives are taken
+    theta: np.ndarray  # (q,) at which the derivatives are taken
     x: np.ndarray  # (s,) of the simulation
     S: np.ndarray  # (s, q) ∂x/∂θ
     F: np.ndarray  # (q, q) in SI units
 
 
 class RecursiveInformation:
-    """F of a drive that goes on. `add` takes any number of ticks, and costs least in whole windows."""
+    """Fisher information F of a drive in progress. `add` takes any number of ticks; whole windows are fastest."""
 
     def __init__(self, informant: Informant) -> None:
         self.of, self.nominal = informant.of, informant.nominal
@@ -70,14 +70,14 @@ class RecursiveInformation:
         self._slope = jacobian(self._begin)
 
     def begin(self, theta: np.ndarray | None = None) -> InformationState:
-        """Return what is known at the start of a drive: nothing."""
+        """Return the state at the start of a drive, with F = 0."""
         theta = self.nominal if theta is None else np.asarray(theta, dtype=float)
         x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._slope(theta), dtype=float)
         return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
 
     def add(self, state: InformationState, u: np.ndarray, has: np.ndarray | None = None) -> InformationState:
-        """Return what is known after the ticks with commands `u` (N, n), of which the numbers `has` (N, m) were
-        measured; all where None.  (1), (2)"""
+        """Return the state after the ticks with commands `u` (N, n). `has` (N, m) is 1 for the numbers that were
+        measured; None means all.  (1), (2)"""
         theta, x, S, F = state
         q = len(theta)
         for at in range(0, len(u), WINDOW):
@@ -90,15 +90,14 @@ class RecursiveInformation:
         return InformationState(theta, x, S, F)
 
     def relative_sd(self, state: InformationState, size: np.ndarray | None = None) -> np.ndarray:
-        """Return the standard error (p,) of each parameter of interest in parts of `size` (q,), by default that in the
-        file."""
+        """Return the standard error (p,) of each parameter of interest, relative to `size` (q,) or that of the file."""
         size = self.of.size if size is None else size
         whole = state.F * np.outer(size, size) + np.eye(len(size))
         return np.sqrt(np.diagonal(np.linalg.inv(whole))[: self.of.interest])
 
 
 def bits(relative_sd: np.ndarray) -> float:
-    """Return what is known of all parameters together.  (3)"""
+    """Return the information on all parameters together [bit].  (3)"""
     return float(-np.sum(np.log2(relative_sd)))
 
 

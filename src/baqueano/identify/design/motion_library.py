@@ -1,17 +1,15 @@
-"""A library of short drives, each from rest to rest, of which an experiment is composed.
+"""Build a library of short drives, each from rest to rest, of which an experiment is composed.
 
     piece = a few levels of each command, held a while;  the way back;  no command until it rests         (1)
 
-The levels, their holds and their number are drawn (seeded): a search that knows the information of every
-piece exactly needs variety, not taste. Some levels are full, some none, the others anything: dry friction and
-dead zones show at small ones. The way back is one of four: all signs turned (a vehicle with two wheels comes
-back on its own arc), the first channel's alone (a car does), or the others' alone; or on and on. Circles stay in a room
-by themselves, and a signal that ends where it began needs no way back. Children of pieces that were found good differ
-from them in one thing: a level for a while, a size, the way back, or the other half is of another parent.
-
-Nothing here knows what a vehicle is: channels with limit 0 are left out, the rest is told by simulation.
-Because a piece begins and ends at rest, its information (information.py) belongs to it and adds up over a sequence. So
-does the way of the possible vehicles (vehicle_cloud.py).
+The levels, their durations and their number are random (seeded): the search computes the exact information of each
+piece, so it needs variety only. Some levels are full, some are 0, the others random: dry friction and dead zones show
+at small ones. The way back is one of four: all signs reversed (a vehicle with two wheels comes back on its own arc),
+only those of the first channel (a car comes back), only those of the others, or no way back. Circles stay in a room,
+and a signal that ends where it began needs no way back. Children of good pieces differ from their parent in one or two
+things. The library does not depend on the vehicle: channels with limit 0 are left out, the simulation does the rest.
+As a piece begins and ends at rest, its information (information.py) is its own and adds up over a sequence. So do the
+paths of the possible vehicles (vehicle_cloud.py).
 """
 
 from collections.abc import Sequence
@@ -20,18 +18,18 @@ from typing import NamedTuple
 import numpy as np
 
 LEVELS = (1, 2, 3, 5, 8, 13)
-BACK = 4  # ways back; the last is none
-GENTLE = 1.0 / 3.0  # of a curve
+BACK = 4  # kinds of way back; the last one is no way back
+GENTLE = 1.0 / 3.0  # factor on the turning channels of a gentler piece
 
 
 class MotionPiece(NamedTuple):
-    """The way out, and how it comes back."""
+    """A piece of motion: the way out, and how it comes back."""
 
-    out: np.ndarray  # (T, n) in parts of the limit, over the whole length of a piece without its coast
+    out: np.ndarray  # (T, n) relative to the limit, over the whole length of a piece without its coast
     back: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none
 
     def u(self, ticks: int, limit: np.ndarray) -> np.ndarray:
-        """(ticks, n) commands.  (1)"""
+        """Return the commands (ticks, n).  (1)"""
         n, first = len(limit), np.arange(len(limit)) == np.argmax(limit > 0.0)
         u = np.zeros((ticks, n))
         if self.back == BACK - 1:
@@ -47,12 +45,12 @@ class PieceShape(NamedTuple):
     """Length, coast and limits that all pieces share."""
 
     ticks: int
-    coast: int  # of them, without command
+    coast: int  # of these ticks, those without command
     limit: np.ndarray  # (n,)
 
     @classmethod
     def of(cls, piece_s: float, coast_s: float, limit: np.ndarray, rate_hz: float) -> "PieceShape":
-        """Pieces of so many seconds, with so much of them, but at most 0.4, without command."""
+        """Return the shape for pieces of `piece_s`, of which `coast_s`, but at most 40 %, are without command."""
         ticks = max(4, round(piece_s * rate_hz))
         return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
 
@@ -63,7 +61,7 @@ class PieceShape(NamedTuple):
 
 
 def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
-    """`count` pieces by chance, the first of which is to stand still."""
+    """Return `count` random pieces, of which the first one stands still."""
     length = shape.ticks - shape.coast
     pieces = [MotionPiece(np.zeros((length, len(shape.limit))), BACK - 1)]
     while len(pieces) < count:
@@ -71,7 +69,7 @@ def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> li
         ticks_used = length if back == BACK - 1 else length // 2
         for j in shape.moving:
             out[:ticks_used, j] = _levels(rng, ticks_used)
-        if rng.random() < 0.25:  # one channel alone
+        if rng.random() < 0.25:  # only one channel moves
             out[:, rng.permutation(shape.moving)[1:]] = 0.0
         pieces.append(MotionPiece(out, back))
     return pieces
@@ -80,7 +78,7 @@ def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> li
 def children(
     parents: Sequence[MotionPiece], shape: PieceShape, count: int, rng: np.random.Generator
 ) -> list[MotionPiece]:
-    """`count` pieces that differ from a parent in one or two things."""
+    """Return `count` pieces, each of which differs from a parent in one or two things."""
     out = []
     for _ in range(count):
         piece = parents[int(rng.integers(len(parents)))]
@@ -91,8 +89,8 @@ def children(
 
 
 def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
-    """The piece with all channels but the first at a third, for a vehicle that would slide in its curves; of a vehicle
-    with one channel, that."""
+    """Return the piece with all channels but the first at a third, for a vehicle that would slide in its curves. If
+    only one channel moves, reduce that one."""
     rest = shape.moving[1:] if len(shape.moving) > 1 else shape.moving
     out = piece.out.copy()
     out[:, rest] *= GENTLE
@@ -100,7 +98,7 @@ def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
 
 
 def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Poses `path` (…, 3), told from `pose` (…, 3), in the map."""
+    """Return the poses `path` (…, 3), given relative to `pose` (…, 3), in the map."""
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x, y = path[..., 0], path[..., 1]
     xy = pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y
@@ -128,7 +126,7 @@ def _mutation(
 
 
 def _levels(rng: np.random.Generator, ticks: int) -> np.ndarray:
-    """(ticks,) a few levels in [−1, 1], each held."""
+    """Return a few random levels in [−1, 1], each held for a while, as (ticks,)."""
     count = int(rng.choice(LEVELS))
     cuts = np.sort(rng.uniform(0.0, 1.0, count - 1))
     at = np.searchsorted(cuts, (np.arange(ticks) + 0.5) / ticks)

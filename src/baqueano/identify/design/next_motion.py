@@ -1,11 +1,11 @@
-"""The motion that would tell most now, of a few that a person can drive: straight, turning, in curves.
+"""Choose the most informative next motion, of a few that a person can drive: straight, turning, in curves.
 
     k, i = argmin log(σ_i² + GOAL²) − log(σ_i,now² + GOAL²),   σ of F + F_k                               (1)
 
-F is what the drive has told, F_k what the k-th motion would tell, from rest, σ_i the standard errors in parts of the
-values. It is the first step of the search of compose.py, without walls, over motions that have a name, for the one
-parameter that gains most: whoever drives by hand asks what to drive for what is known badly. An error below GOAL gains
-little. A motion goes out and comes back the same way, so that it needs little room, or circles on.
+F is the information of the drive so far, F_k that of the k-th motion from rest, σ_i the relative standard errors. This
+is the first step of the search of compose.py, without walls, over motions with a name. It considers only the parameter
+that gains most, as a driver needs the motion for the parameter with a large error. An error below GOAL gains little.
+A motion goes out and comes back the same way, so that it needs little room, or goes on in circles.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from baqueano.identify.design.motion_library import BACK, MotionPiece
 
 SECONDS = 4.0
 LEVELS = (1.0, 0.6, 0.35)  # of the limit
-GOAL = 0.01  # standard error, in parts of the value, that is good enough
+GOAL = 0.01  # relative standard error that is good enough
 STEP_S = 0.4  # between sudden changes
 THERE_AND_BACK, ON_AND_ON = 0, BACK - 1
 
@@ -34,13 +34,13 @@ class NextMotion(NamedTuple):
     """The motion to drive next, and the standard error of the parameter that gains most by it."""
 
     words: Diagnostic
-    parameter: int  # of interest
-    before: float  # standard error, in parts of the value
+    parameter: int  # index among those of interest
+    before: float  # relative standard error
     after: float
 
 
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
-    """Return motions for a vehicle with these limits: its first channel drives it ahead, its last one turns it."""
+    """Return motions for a vehicle with these limits. Its first channel drives it ahead, its last one turns it."""
     moving, ticks = np.flatnonzero(limit > 0.0), round(SECONDS * rate_hz)
     if not len(moving):
         return []
@@ -66,7 +66,7 @@ def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
 
 
 class MotionAdvisor:
-    """The motions of a vehicle, and what each tells at θ."""
+    """The motions of a vehicle, and the information of each at θ."""
 
     def __init__(self, informant: Informant, limit: np.ndarray, rate_hz: float) -> None:
         self._informant, self._motions = informant, named_motions(limit, rate_hz)
@@ -75,8 +75,8 @@ class MotionAdvisor:
     def next(
         self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, wider: np.ndarray
     ) -> NextMotion | None:
-        """Return the motion that tells most beside F (q, q), in SI units, of parameters of these sizes (q,). A fit has
-        shown their errors to be `wider` (p,) than F expects.  (1)"""
+        """Return the most informative motion beside F (q, q) in SI units, for parameters of these sizes (q,), or
+        None without a motion. `wider` (p,) is the ratio of the errors of a fit to those that F predicts.  (1)"""
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):

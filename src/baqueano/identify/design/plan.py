@@ -1,4 +1,4 @@
-"""The experiment for this vehicle in this room: `designed`.
+"""Design the experiment for this vehicle in this room: `designed`.
 
 1. Draw random pieces of command and compose a drive of them. In each of some rounds, variations of the chosen pieces
    join the library, and better pieces replace worse ones.
@@ -37,34 +37,32 @@ if TYPE_CHECKING:
 
 PIECE_S = 4.0
 COVERED = 0.9
-SCOUTS = 30  # of them, that drive all pieces: with the nominal one four vectors of eight
+SCOUTS = 30  # vehicles that drive all pieces: with the nominal one, 31 fill four vectors of eight lanes
 FIRST, ROUNDS, EACH = 240, 5, 60  # pieces at first; rounds of children, and how many in each
-KEPT, FINAL = 300, 120  # pieces from round to round, and those that all the vehicles drive
+KEPT, FINAL = 300, 120  # pieces kept after a round, and those that all vehicles drive
 WEIGHED = 3  # possible vehicles over which J is the mean
 TURNS = 8  # pieces that have different noise
-PRICES = (1.0, 5.0, 25.0)  # in J, for a whole room of reach, by which those that are tried are ordered
-TRIED = 6  # for each of these prices, and pieces driven at once
+PRICES = (1.0, 5.0, 25.0)  # in J for a reach of one room: each price gives one order of the pieces to try
+TRIED = 6  # pieces for each of these prices, and pieces driven at once
 
 
 class Plan(NamedTuple):
-    """An experiment, and what is to be expected of it."""
+    """An experiment, and the standard errors to expect from it."""
 
     u: np.ndarray  # (N, n)
     room: "Room"
     margin_m: float  # least distance between the corridor and the walls
     names: tuple[str, ...]  # of the parameters (p,)
-    relative_sd: (
-        np.ndarray
-    )  # (p,) standard error to be expected, in parts of the value; 1 where it does not show
-    eta: np.ndarray  # (L, N, 3) where the possible vehicles go
+    relative_sd: np.ndarray  # (p,) expected relative standard error; 1 for a parameter that does not show
+    eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
     @property
     def mean_error(self) -> float:
-        """The geometric mean of the standard errors."""
+        """Return the geometric mean of the standard errors."""
         return mean_error(self.relative_sd)
 
     def table(self) -> str:
-        """A line for each parameter, and one for the room."""
+        """Return a table with a line for each parameter, and one for the room."""
         width = max(map(len, (*self.names, _("parameter"))))
         lines = [f"{_('parameter'):{width}}  " + _("expected standard error, of the sensors' noise alone")]
         for name, sd in zip(self.names, self.relative_sd, strict=True):
@@ -94,11 +92,11 @@ def designed(
     backend: str = "auto",
     say: Callable[[str], object] | None = None,
 ) -> Plan:
-    """The commands (N, n) that tell most about the parameters within `duration_s` and `room`, after `rest_s` of
-    standing still. `say` is told how far the search is; it ends with what it has where that returns True.
+    """Return the plan with the most informative commands (N, n) in `duration_s` and `room`, after `rest_s` at rest.
 
-    UsageError without a finite [command] limit above 0, or with less than 1 s to move; AnswerNo where the vehicle
-    cannot be kept in the room.
+    `say` receives the progress; if it returns True, the search ends with the best plan so far. Raise UsageError
+    without a finite [command] limit above 0, or with less than 1 s to move; AnswerNo if the vehicle cannot be kept
+    in the room.
 
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
@@ -150,13 +148,13 @@ class PlanSearch:
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)
         self.pieces: list[MotionPiece] = []
-        self.shape = PieceShape(0, 0, np.zeros(0))  # until `fill` knows how the vehicle rolls
+        self.shape = PieceShape(0, 0, np.zeros(0))  # `fill` sets it when the coast of the vehicle is known
         self.to_rest = np.zeros(
             (0, 0)
-        )  # commands, of as long again as a piece coasts: then 1 % of the way is left
+        )  # zero commands for another coast: after it 1 % of the stopping distance is left
 
     def fill(self, piece_s: float, limit: np.ndarray, say: Callable[[str], object]) -> None:
-        """Makes the library, of pieces of so many seconds, and composes them; until `say` returns True."""
+        """Make the library, of pieces of `piece_s`, and compose them, until `say` returns True."""
         coast_s = self._coast_s(limit)
         self.shape = PieceShape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
         self.to_rest = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
@@ -186,7 +184,7 @@ class PlanSearch:
         self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
 
     def driven(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
-        """The commands (N, n) after `rest` ticks of standing still, and where the judges go (L, N, 3)."""
+        """Return the commands (N, n) after `rest` ticks at rest, and the poses of the judges (L, N, 3)."""
         ticks_each, limit = self.shape.ticks, self.shape.limit
         us = [piece.u(ticks_each, limit) for piece in self.pieces]
 
@@ -205,8 +203,8 @@ class PlanSearch:
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
-        """Return the time in which the nominal vehicle covers COVERED of its rolling distance, after a second at the
-        limit of its first command."""
+        """Return the time in which the nominal vehicle covers COVERED of its rolling distance, after one second at
+        the limit of its first command."""
         second = round(self.cloud.rate_hz)
         u = np.zeros((3 * second, len(limit)))
         first = int(np.argmax(limit > 0.0))
@@ -216,7 +214,7 @@ class PlanSearch:
         return float(np.argmax(way_m >= COVERED * way_m[-1]) + 1) / second
 
     def _grow(self, pieces: list[MotionPiece]) -> None:
-        """Takes the pieces that keep to the limits of speed into the library; of those that do not, a gentler one."""
+        """Add the pieces that keep the speed limits to the library; replace each of the others by a gentler one."""
         drives = self._of_each(self._weigh, pieces)
         hasty = [k for k, drive in enumerate(drives) if not drive[0]]
         calm = [gentler(pieces[k], self.shape) for k in hasty]
@@ -226,20 +224,22 @@ class PlanSearch:
         self.composer.grow(np.array([drives[k][2] for k in fits]), np.array([drives[k][1] for k in fits]))
 
     def _of_each(self, work: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
-        """`work` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""
+        """Return `work` of a tick and the commands (T, n) of each piece, on all cores. The pieces use TURNS
+        different noises in turn."""
         us = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
         at = [k % TURNS * self.shape.ticks for k in range(len(us))]
         return each(work, at, us, rows=self.cloud.size * sum(map(len, us)))
 
     def _weigh(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
-        """Return if the piece (T, n) is slow enough, its poses (L, S, 3) and, if it is, its information (M, q, q)."""
+        """Return True if the piece (T, n) keeps the speed limits, its poses (L, S, 3) and, if it does, its
+        information (M, q, q)."""
         slow, path = self._path(self.cloud, tick, u, 4)
         F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if slow else None
         return slow, path, F
 
     def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[bool, np.ndarray]:
-        """Return if a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each` sample.
-        The last is where it comes to rest."""
+        """Return True if a cloud keeps the speed limits in the piece (T, n), and its poses (L, S, 3) at every
+        `each`-th sample. The last pose is that at rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
         samples = eta[:, stride - 1 : ticks : stride]
@@ -250,7 +250,7 @@ class PlanSearch:
 
     @property
     def expected(self) -> float:
-        """The geometric mean of the standard errors after what is composed so far."""
+        """Return the geometric mean of the expected standard errors of the present sequence."""
         F = self.composer.F[self.composer.chosen].sum(axis=0)[0]
         return mean_error(self.informant.relative_sd(F))
 
@@ -263,8 +263,10 @@ def driven(
     room: Room,
     rest: int,
 ) -> list[int]:
-    """The pieces that the vehicles of `cloud` may drive one after the other where those of `order` were meant, after
-    `rest` ticks of standing still; `commands` gives (T, n) of a piece.  (1)"""
+    """Return the pieces that the vehicles of `cloud` may drive one after the other in place of `order`.
+
+    The drive begins after `rest` ticks at rest; `commands` returns (T, n) of a piece. (4) of room.py decides.
+    """
     state, tick, order_kept = cloud.at(room.start), rest, list(order)
     if rest:
         state, _ = cloud.drive(state, np.zeros((rest, commands(0).shape[1])))
@@ -292,7 +294,7 @@ def _first(
     state: VehicleState,
     tick: int,
 ) -> tuple[int, VehicleState] | None:
-    """The first of the pieces that is allowed, and the cloud after it."""
+    """Return the first of the pieces that is allowed, and the cloud after it, or None."""
     for at in range(0, len(some), TRIED):
         us = [commands(k) for k in some[at : at + TRIED]]
         place = first_allowed(cloud, room, state, us, tick)

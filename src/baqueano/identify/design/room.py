@@ -1,4 +1,4 @@
-"""The room in which an experiment takes place: whether a cloud of drives stays in it, and a signal that does.
+"""Keep an experiment in a room: test if a cloud of drives stays in it, and make a signal that does.
 
 The origin of the map is the middle of the room, x along its width. m(t) and s(t) are mean and standard deviation of the
 position over the possible vehicles x_l; with the radius ρ of the body,
@@ -6,10 +6,10 @@ position over the possible vehicles x_l; with the radius ρ of the body,
     |m_x(t)| + k s_x(t) + ρ ≤ w/2,   |m_y(t)| + k s_y(t) + ρ ≤ h/2,   k = 3                               (1)
     m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn,     m_vr(t) + k s_vr(t) ≤ sideways  (2)
     |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   y alike,   c = 1.5, of every single vehicle               (3)
-    allowed(x, chunk)  ⇔  (1)-(3) hold of x under (chunk, then no command for COAST_S)                    (4)
+    allowed(x, chunk)  ⇔  (1)-(3) are true for x under (chunk, then no command for COAST_S)               (4)
 
-No model here knows where tyres slide, so v r stays below SIDEWAYS_M_S2. Where a chunk of a signal is not allowed, the
-first of these takes its place that is: the chunk with signs turned, of all channels, of the first, of the others; all
+No model here contains sliding tyres, so v r stays below SIDEWAYS_M_S2. A chunk that is not allowed is replaced by the
+first of these that is: the chunk with all signs reversed, those of the first channel, those of the others; all of them
 at a half, then at a quarter; no command, which is the rest of what (4) allowed before.
 """
 
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 
 DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
 TAIL = 1.5  # c of (3)
-SIDEWAYS_M_S2 = 3.0  # half of what rubber holds on a smooth floor, 0.6 g: below it tyres hardly slip
+SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres hardly slip
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
-RESERVE_M = 0.01  # that a chunk leaves for what the floor does to a vehicle that waits, and between samples
-SAMPLE_S = 0.05  # between the poses that are looked at: with 10 m/s² a path bulges by 3 mm between them
+RESERVE_M = 0.01  # distance that a chunk leaves for floor noise at rest, and for the path between samples
+SAMPLE_S = 0.05  # between the poses that are tested: with 10 m/s² a path bulges by 3 mm between them
 SIZES = (1.0, 0.5, 0.25)
-VEHICLES = 128  # that are believed possible: the standard deviation of their place is then known to 6 %
+VEHICLES = 128  # possible vehicles: they give the standard deviation of their position to 6 %
 AT_ONCE = 2  # alternatives that are driven to their end together: mostly the first is allowed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """Walls and limits, and where in it the drive begins."""
+    """Walls and limits of a room, and the pose in it where the drive begins."""
 
     width_m: float
     height_m: float
@@ -78,12 +78,12 @@ class Room:
 
     @property
     def free(self) -> np.ndarray:
-        """(2,) how far from the middle the origin of the body may come [m]."""
+        """Return the largest distance (2,) from the middle at which the origin of the body may be [m]."""
         return 0.5 * np.array([self.width_m, self.height_m]) - self.radius_m
 
     def margin(self, eta: np.ndarray) -> np.ndarray:
-        """(…,) the least distance over time between a wall and the corridor, or the vehicle that goes furthest, of
-        clouds (…, L, T, 3); below 0 some leave the room.  (1), (3)"""
+        """Return the least distance (…,) over time between a wall and clouds (…, L, T, 3) [m], negative if some
+        leave. It is that of the corridor or of the outermost vehicle.  (1), (3)"""
         xy = eta[..., :2]
         mean, sd = xy.mean(axis=-3), xy.std(axis=-3)
         corridor = np.abs(mean) + DEVIATIONS * sd
@@ -92,7 +92,7 @@ class Room:
         )
 
     def slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
-        """(…,) bool: whether clouds (…, L, T, 3) keep to the limits of speed.  (2)"""
+        """Return a mask (…,), True for clouds (…, L, T, 3) that keep the speed limits.  (2)"""
         if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.sideways_m_s2)):
             return np.ones(eta.shape[:-3], bool)
         step = np.diff(eta, axis=-2) * rate_hz
@@ -104,16 +104,15 @@ class Room:
 
 
 def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the largest distance from the middle of a vehicle of a cloud with these extremes and mean,
-    (…,) each.
-    (3)"""
+    """Return the largest distance (…,) of a vehicle from the middle, from extremes and mean of the clouds.  (3)"""
     return np.maximum(np.abs(mean + TAIL * (low - mean)), np.abs(mean + TAIL * (high - mean)))
 
 
 def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
-    """The room "2x2.5", width and height in metres, for the vehicle of the file: its radius, the limits of its
-    supervisor and SIDEWAYS_M_S2, unless `options`, fields of Room, say others. UsageError for an invalid size, or a
-    room too small.
+    """Return the room "2x2.5", width and height in metres, for the vehicle of the file.
+
+    Its radius, the limits of its supervisor and SIDEWAYS_M_S2 apply, unless `options` gives other fields of Room.
+    Raise UsageError for an invalid size, or a room too small.
 
     >>> from baqueano.vehicle_file import load
     >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
@@ -138,14 +137,14 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
 
 
 def body_radius(vehicle_file: "VehicleFile") -> float:
-    """Radius of the circle about the origin that holds the whole body [m]; 0 where the file gives no size."""
+    """Return the radius of the circle about the origin that contains the body [m]; 0 if the file gives no size."""
     g = vehicle_file.geometry
     box = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
     return max(g.radius_m or 0.0, box, (g.track_m or 0.0) / 2.0)
 
 
 def _upper(x: np.ndarray) -> np.ndarray:
-    """Max over time of mean + k sd over the cloud (…, L, T)."""
+    """Return the maximum (…,) over time of mean + k sd over the cloud (…, L, T)."""
     return np.max(x.mean(axis=-2) + DEVIATIONS * x.std(axis=-2), axis=-1)
 
 
@@ -154,8 +153,8 @@ class ContainedSignal(NamedTuple):
 
     u: np.ndarray  # (N, n)
     margin_m: float  # least distance between the corridor and the walls, (1) of room.py
-    replaced: float  # part of the chunks that were not driven as asked
-    eta: np.ndarray  # (L, N, 3) where the possible vehicles go
+    replaced: float  # part of the chunks that were replaced
+    eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
 
 def contained(
@@ -167,10 +166,10 @@ def contained(
     seed: int = 0,
     backend: str = "auto",
 ) -> ContainedSignal:
-    """`u` (N, n), one row a tick, with all that could leave `room` replaced.  (1)
+    """Return `u` (N, n), one row a tick, with every chunk that could leave `room` replaced.  (1)
 
-    `cloud`: the vehicles that it might be, else those of `vehicle_file`, drawn by `seed`. UsageError for another shape;
-    AnswerNo where they leave the room even without a command.
+    `cloud` contains the possible vehicles; default: those of `vehicle_file`, drawn with `seed`. Raise UsageError
+    for another shape; AnswerNo if they leave the room even without a command.
 
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
@@ -204,7 +203,7 @@ def contained(
 
 
 def alternatives(u: np.ndarray) -> np.ndarray:
-    """(C, T, n): what may stand for a chunk (T, n), in order; the last is the command zero."""
+    """Return the alternatives (C, T, n) to a chunk (T, n), in order; the last one is the command zero."""
     n = u.shape[1]
     first = np.where(np.arange(n) == 0, -1.0, 1.0)
     signs = (np.ones(n), -np.ones(n), first, -first)
@@ -215,8 +214,7 @@ def alternatives(u: np.ndarray) -> np.ndarray:
 def first_allowed(
     cloud: Cloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
 ) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
-    """The first of the options (T, n) that is allowed, the cloud after it and its poses (L, T, 3). None if none
-    is.  (1)"""
+    """Return index, cloud afterwards and poses (L, T, 3) of the first option (T, n) that is allowed, or None.  (4)"""
     stride = max(1, round(SAMPLE_S * cloud.rate_hz))
     rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
     drives = cloud.under([state] * len(options), options, tick)
@@ -236,8 +234,8 @@ def first_allowed(
 def _first_allowed(
     cloud: Cloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
 ) -> tuple[int, "VehicleState", np.ndarray]:
-    """Which of the options (C, T, n) is driven, the cloud after it, and the poses (L, T, 3) during it."""
-    for begin, end in ((0, 1), (1, len(options))):  # mostly what is asked is allowed
+    """Return index, cloud afterwards and poses (L, T, 3) of the option (of C, T, n) that is driven."""
+    for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
         place = first_allowed(cloud, room, state, list(options[begin:end]), tick)
         if place is not None:
             return begin + place[0], *place[1:]

@@ -1,16 +1,15 @@
-"""Commands that make a vehicle show what it is: persistently exciting signals, pure functions of a seed.
+"""Generate persistently exciting command signals: pure functions of a seed.
 
     random_steps   u(t) = a random level in [−limit, limit], held for hold_s                              (1)
     multisine      u(t) = A Σ_k cos(2π f_k t + φ_k), φ_k random, scaled so that max |u| = limit            (2)
     prbs           u(t) = ± limit, switching by chance every bit_s                                        (3)
     ramps          u(t) = triangle of growing height: from rest to the limit and back                     (4)
 
-All return (N, n) rows, one a tick, with |u| ≤ limit channel by channel; a channel with limit 0 stays 0.
-Which one: random steps show friction and forces at once and are what the paper's case study needs; a
-multisine spreads its power evenly and reads well in the frequency domain; PRBS is best for lags; ramps
-show dry friction and dead zones. None of them knows the vehicle or the room: design/ has the one that does,
-and what keeps these inside. The channels of a signal are independent of each other, so that the
-columns of T can be told apart. Source: Ljung, System Identification, 1999, 13.3.
+All return (N, n) rows, one a tick, with |u| ≤ limit channel by channel; a channel with limit 0 stays 0. Random steps
+show friction and forces at once; the paper's case study uses them. A multisine spreads its power evenly and suits the
+frequency domain. PRBS is best for lags; ramps show dry friction and dead zones. These signals do not depend on the
+vehicle or the room; design/plan.py designs one that does, and design/room.py keeps these inside. The channels of a
+signal are independent, so that the columns of T can be separated. Source: Ljung, System Identification, 1999, 13.3.
 """
 
 from collections.abc import Callable
@@ -26,7 +25,7 @@ from baqueano.errors import UsageError
 def random_steps(
     limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, hold_s: float = 1.0
 ) -> np.ndarray:
-    """Return uniform random levels, each for `hold_s`.
+    """Return uniform random levels, each held for `hold_s`.
 
     Parameters
     ----------
@@ -70,7 +69,7 @@ def multisine(
     low_hz: float = 0.05,
     high_hz: float = 5.0,
 ) -> np.ndarray:
-    """Return sums of sines between two frequencies. The channels take turns, so that no two share a frequency.
+    """Return sums of sines between two frequencies. No two channels share a frequency.
 
     Parameters
     ----------
@@ -81,7 +80,7 @@ def multisine(
     rate_hz : float
         Ticks a second.
     seed : int
-        Of the phases.
+        Seed of the phases.
     low_hz, high_hz : float
         Lowest and highest frequency.
 
@@ -235,7 +234,7 @@ def excitation(
     rest_s: float = 0.0,
     **options: Any,
 ) -> np.ndarray:
-    """Return the signal of that name. A rest before and after it shows the noise of the sensors and their biases.
+    """Return the signal named `kind`. A rest before and after it shows the noise and the biases of the sensors.
 
     Parameters
     ----------
@@ -252,7 +251,7 @@ def excitation(
     rest_s : float
         Length of each rest.
     **options : float
-        Those of the signal: `hold_s`, `low_hz`, `high_hz`, `bit_s`, `ramp_s`.
+        Options of the signal: `hold_s`, `low_hz`, `high_hz`, `bit_s`, `ramp_s`.
 
     Returns
     -------
@@ -281,7 +280,7 @@ def excitation(
 
 
 def _validate(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:
-    """Limits (n,) and the number of ticks."""
+    """Return the limits (n,) and the number of ticks. Raise UsageError for invalid ones."""
     limit = np.atleast_1d(np.array(limit, dtype=float))
     if limit.ndim != 1 or not np.all(np.isfinite(limit)) or np.any(limit < 0.0):
         raise UsageError(fault("signal.limit", limit=limit.tolist()))

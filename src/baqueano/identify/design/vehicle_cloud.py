@@ -1,15 +1,15 @@
-"""Which vehicles a plan believes possible, and a cloud of them that drives the same commands.
+"""Draw the vehicles that a plan considers possible, and simulate them as a cloud with the same commands.
 
-    θ_l = θ̂ exp(s n_l)              a parameter that nobody has fitted, s = 0.2 unless told otherwise     (1)
+    θ_l = θ̂ exp(s n_l)              a parameter without a fit, s = 0.2 by default                         (1)
     θ_l = θ̂ + P^½ n_l               those of the last fit, P its covariance                               (2)
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
     P ← P − P_·W (P_WW + S)⁻¹ P_W·   W those of too large an error,   θ_l ← θ_l + P_·B P_BB⁻¹ (b − θ_lB)  (4)
 
-A standard error of more than LEAST_KNOWN of the value is taken for that, as if a data sheet S had told it. Entries B of
-a draw beyond their bounds b go back to them. Both take along what is tied to these entries: bounded one by one, some
-vehicles would be without friction and roll for ever. The n_l come in pairs ± n, so that the draw does not move the
-mean. What is 0 in the file stays 0 in (1). All of the cloud is one call of one kernel; several candidates for what
-comes next are shared out over the cores.
+A standard error above LEAST_KNOWN of the value is limited to that, as if a data sheet S had given it. Entries B of a
+draw beyond their bounds b go back to them. Both updates also move the parameters that are correlated with these
+entries: bounded one by one, some vehicles would be without friction and roll for ever. The n_l come in pairs ± n, so
+that the draw does not move the mean. A parameter that is 0 in the file stays 0 in (1). The whole cloud is one call of
+one kernel; several candidates for the next piece are shared out over the cores.
 """
 
 from collections.abc import Sequence
@@ -29,22 +29,22 @@ from baqueano.worlds.noise import stream, unit_normals
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
-RELATIVE_STD = 0.2  # of a parameter that nobody has fitted
-LEAST_KNOWN = 0.5  # of its value, the largest standard deviation of a parameter that is believed
-VEHICLES = 48  # of the cloud: its standard deviation is then known to 10 %
-DRAWN_S = 64.0  # of noise at once, more where it is asked for
-WINDOWS = 16  # spans of it that are kept as kernels take them
+RELATIVE_STD = 0.2  # of a parameter without a fit
+LEAST_KNOWN = 0.5  # largest standard deviation of a parameter, relative to its value
+VEHICLES = 48  # of the cloud: they give its standard deviation to 10 %
+DRAWN_S = 64.0  # of noise at once, more if requested
+WINDOWS = 16  # spans of the noise that are cached in the memory layout of the kernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleDistribution:
-    """The nominal vehicle first, then the others."""
+    """Possible vehicles: the nominal one first, then the others."""
 
-    paths: tuple[str, ...]  # (p,) the numbers that are not sure, each with its entry
+    paths: tuple[str, ...]  # (p,) the uncertain numbers, each with its entry
     theta: np.ndarray  # (L, p)
 
     def some(self, vehicles: int) -> "VehicleDistribution":
-        """The nominal vehicle and so many of the others, in pairs if they are."""
+        """Return the nominal vehicle and `vehicles` of the others, in pairs ± n."""
         half = (len(self.theta) - 1) // 2
         few = min(vehicles // 2, half)
         return VehicleDistribution(
@@ -55,7 +55,7 @@ class VehicleDistribution:
 def possible_vehicles(
     vehicle_file: "VehicleFile", relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
 ) -> VehicleDistribution:
-    """The vehicles that the file makes possible.  (1), (2)"""
+    """Return the vehicles that are possible according to the file.  (1), (2)"""
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
     fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
     names = [] if fit is None else [fit.names[k] for k in fitted]
@@ -76,7 +76,7 @@ def possible_vehicles(
 def _draw(
     unit: np.ndarray, mean: np.ndarray, cov: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """θ (L, p) of unit normals (L, p) between bounds (p,).  (2), (4)"""
+    """Return θ (L, p) from unit normals (L, p), between bounds (p,).  (2), (4)"""
     sd = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
     P, part = cov / np.outer(sd, sd), LEAST_KNOWN * np.abs(mean) / sd
     wide = part < 1.0
@@ -88,7 +88,7 @@ def _draw(
 
 
 def _inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """A draw (p,) of covariance P (p, p), between its bounds.  (4)"""
+    """Return a draw (p,) of covariance P (p, p), moved between its bounds.  (4)"""
     out, is_fixed = x, np.zeros(len(x), bool)
     while (beyond := ~is_fixed & ((out < low) | (out > high))).any():
         is_fixed |= beyond
@@ -114,28 +114,28 @@ class Cloud:
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
 
     def at(self, pose: Any) -> VehicleState:
-        """All of them at rest at the pose (3,)."""
+        """Return the state of the cloud with all vehicles at rest at the pose (3,)."""
         pose = np.tile(np.array(pose, dtype=float), (self.size, 1))
         lanes = (np.repeat(np.asarray(x, dtype=float)[None], self.size, axis=0) for x in self.rest.drivetrain)
         nu, nu_dot = (np.tile(x, (self.size, 1)) for x in (self.rest.nu, self.rest.nu_dot))
         return VehicleState(pose, nu, nu_dot, type(self.rest.drivetrain)(*lanes))
 
     def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
-        """The cloud (L, …) under `u` (T, n), from its `tick` on: where it is then, and poses (L, T, 3) on the
-        way.  (3)"""
+        """Return the cloud (L, …) after the commands `u` (T, n) from `tick` on, and its poses (L, T, 3).  (3)"""
         noise = self._noise(tick, len(u))
         return self.kernel.batch((u, noise), self.belief.theta, carry=state, outputs=True)
 
     def under(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
     ) -> list[tuple[VehicleState, np.ndarray]]:
-        """`drive` with each of the commands from each of the states, the noise being that of the tick, on all
-        cores."""
+        """Return `drive` for each pair of state and commands, all with the noise from `tick` on, on all cores."""
         return each(lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us)))
 
     def _settle(self, limit: np.ndarray) -> None:
-        """Draws that are so stiff that no integrator carries them from tick to tick come half as near to the
-        nominal vehicle, until it does: a fit that hardly saw a friction does not know how large it may be."""
+        """Move draws that are too stiff for the integrator towards the nominal vehicle, until all can be simulated.
+
+        A fit with little information on a friction leaves its upper limit open.
+        """
         full = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
         for _ in range(8):
             with np.errstate(all="ignore"):
@@ -148,7 +148,7 @@ class Cloud:
             self.belief = VehicleDistribution(self.belief.paths, theta)
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
-        """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""
+        """Return unit normals (L, T, 3), 0 for the nominal vehicle. A tick has the same noise in every call."""
         draws = self._draw
         if draws.shape[1] < tick + ticks:
             size = max(2 * draws.shape[1], tick + ticks, round(DRAWN_S * self.rate_hz))

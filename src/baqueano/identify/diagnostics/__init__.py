@@ -1,4 +1,4 @@
-"""Diagnostics of a fit: what is wrong with its data, and what its model lacks.
+"""Diagnose a fit: faults of its data, and effects that its model lacks.
 
 `clean` runs before the search, `diagnose` after it.
 """
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 def clean(
     runs: list[Run], file: "VehicleFile", sensors: dict[str, Tree]
 ) -> tuple[list[Run], tuple[Diagnostic, ...]]:
-    """Return the runs without impossible measurements, split where time jumps, and messages on the repairs."""
+    """Return the runs without impossible measurements, cut where time jumps, and messages on the repairs."""
 
     def of(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-        pieces, messages = timestamps.check_timestamps(run, file.rate_hz)
+        segments, messages = timestamps.check_timestamps(run, file.rate_hz)
         messages += physical_units.implausible(run, file, sensors)
         out = []
-        for piece in pieces:
-            channels, words_of = _samples(piece, sensors)
+        for segment in segments:
+            channels, words_of = _samples(segment, sensors)
             messages += words_of
             out.append(channels)
         if len(runs) > 1:
@@ -47,7 +47,7 @@ def clean(
         return out, messages
 
     results = each(of, runs, rows=sum(len(run.t_ns) for run in runs))
-    return [run for pieces, _ in results for run in pieces], tuple(
+    return [run for segments, _ in results for run in segments], tuple(
         message for _, messages in results for message in messages
     )
 
@@ -64,8 +64,7 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 def diagnose(
     end: "FinishedFit", sd: np.ndarray, file_sigma: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return messages on a finished search and its data, and an error of each parameter that they cause, by its path.
-
+    """Return messages on a finished search and its data, and by path the error of each parameter that they cause.
     `sd` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file."""
     problem, theta, identifiable = (
         end.task.problem,
@@ -75,7 +74,7 @@ def diagnose(
     s = problem.layout.shared
     identifiable = np.concatenate(
         [identifiable, np.ones(problem.layout.size - len(identifiable), bool)]
-    )  # starts of pieces
+    )  # starts of segments
 
     messages, before = (
         channel_map.check_channels(problem, theta) if np.isfinite(theta).all() else [],
@@ -86,7 +85,7 @@ def diagnose(
         messages += errors
         before = [message for message in before if not (is_cleared and message.code == physical_units.CURVE)]
     if not (end.search.solution.converged and np.isfinite(theta).all() and identifiable[:s].any()):
-        # no fit to hold the axes against: what the search began with says how they should go
+        # without a fit, compare the axes with the predictions at the start of the search
         codes = {message.code for message in messages}
         messages += [
             message
@@ -104,5 +103,5 @@ def diagnose(
 
 
 def widened(cov: np.ndarray, names: Sequence[str], off: Mapping[str, float]) -> np.ndarray:
-    """Return `cov` (p, p) of the parameters `names`, enlarged by the errors `off`, by path."""
+    """Return `cov` (p, p) of the parameters `names`, enlarged by the errors `off` (path → error)."""
     return cov + np.diag([off.get(name, 0.0) ** 2 for name in names])

@@ -1,15 +1,15 @@
-"""Does each channel of a sensor follow its own prediction, and is the IMU mounted as the model believes?
+"""Test if each channel of a sensor follows its own prediction, and if the IMU is mounted as the model assumes.
 
-The signal map (runs/diagnostics/signal_map.py) of what was measured and what the model says, of any scale. The gains of
-a fit bend to what was measured, so that an inverted sensor shows only where another one contradicts it; else it is the
-file that does (gain_changes.py). Where a channel does not follow what the file's own numbers say, the same search is
-asked with the axes otherwise: swapped, turned by a quarter or a half, one of them inverted,
+The test is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale. The gains of
+a fit adapt to the measurements, so an inverted sensor shows only if another sensor contradicts it; else the file does
+(gain_changes.py). If a channel does not follow the prediction with the file's own numbers, the same search is repeated
+with other axes: swapped, turned by a quarter or a half, or one of them inverted,
 
-    gain = Σ_c n_c log σ_c(as it is) − Σ_c n_c log σ_c(other way),   over the n of the IMU                 (1)
+    gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other way),   over the n of the IMU                (1)
 
-Turned ways cannot be told for a vehicle that may push anything along x and y. Mirrored ones can: the acceleration of a
-turn, ν_x ω, points to the left in a turn to the left; of four that leave the same the commands choose, by the file's
-signs. A way is named if it leaves a tenth less, a gain of n/10.
+A turned mount cannot be detected for a vehicle with any force along x and y. A mirrored one can: the acceleration of a
+turn, ν_x ω, points to the left in a left turn. Of four ways with the same residuals, the signs of the commands in the
+file decide. A way is reported if its residuals are a tenth smaller, a gain of n/10.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,17 +28,17 @@ from baqueano.runs.diagnostics.signal_map import NO_RELATION, MappedChannel, rel
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
 
-MOST = 2000  # samples that are looked at, evenly
+MOST = 2000  # samples that are tested, evenly spaced
 FAR = 4.0
-RAN_AWAY = 1e6  # SI units, of a model
+RAN_AWAY = 1e6  # SI units: a larger prediction counts as diverged
 MOST_ROWS = 3000  # rows of each run
-WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
-ALIKE = 0.5  # of the largest gain: ways that bring so much are one by the data
+WORTH = 0.1  # least gain of the logarithm of σ, per reading of the IMU
+ALIKE = 0.5  # of the largest gain: the data cannot separate ways with more than that
 AXES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 
 
 def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
-    """Swapped and inverted channels."""
+    """Return an error for each swapped or inverted channel."""
     out = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
         hypotheses = signal_map(*of_sensor(problem, theta, name), [MappedChannel()] * size)
@@ -74,7 +74,7 @@ def predicted(problem: Residuals, theta: np.ndarray) -> np.ndarray:
 
 
 def clipped(x: np.ndarray) -> np.ndarray:
-    """The columns of x (n, m), drawn to FAR standard deviations about the median, told by the median too."""
+    """Return the columns of x (n, m), clipped at FAR robust standard deviations about the median."""
     x = x.copy()
     for column in x.T:
         if len(finite := column[np.isfinite(column)]):
@@ -85,7 +85,7 @@ def clipped(x: np.ndarray) -> np.ndarray:
 
 
 class MountWay(NamedTuple):
-    """z of the IMU as it should be: its columns `order`, times `sign`."""
+    """A mount of the IMU: corrected readings z are its columns `order`, times `sign`."""
 
     order: tuple[int, int, int]
     sign: tuple[float, float, float]
@@ -104,8 +104,8 @@ WAYS = (
 
 
 def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnostic]:
-    """Return `messages` about a finished search, led by the mount of an IMU where that is the reason: it then takes the
-    place of diagnostics about other axes and signs."""
+    """Return `messages` on a finished search, led by the mount of an IMU if that is the reason. It then replaces
+    the messages about other axes and signs."""
     task, blocks = end.task, end.blocks
     if type(task.problem) is not Residuals or all(message.severity == Severity.INFO for message in messages):
         return messages
@@ -118,7 +118,7 @@ def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnosti
 
 
 def _astray(task: Task, name: str) -> bool:
-    """Return True if a channel of the IMU does not follow its prediction, or follows that of another more."""
+    """Return True if a channel of the IMU does not follow its prediction, or follows that of another channel more."""
     hypotheses = relations(*of_sensor(task.problem, task.first, name))
     rho = np.array([[hypothesis.correlation for hypothesis in row] for row in hypotheses])
     own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
@@ -127,7 +127,7 @@ def _astray(task: Task, name: str) -> bool:
 
 
 def _better_mount(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
-    """Return the mount with smaller residuals that acts as the file says, and its diagnostic."""
+    """Return the mount with smaller residuals whose gains agree with the file, and its diagnostic, or None."""
     task, blocks = end.task, end.blocks
     records = [first_rows(record, MOST_ROWS) for record in task.problem.records]
     at = sum(task.problem.sizes[: task.problem.names.index(name)])
@@ -153,7 +153,7 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] 
         return None
     for gain, (way, result) in zip(gains, ways, strict=True):
         if gain > ALIKE * best and _as_in_the_file(task, blocks, result):
-            sigma = result.sigma[own][np.argsort(way.order)]  # of the columns as they are in the run
+            sigma = result.sigma[own][np.argsort(way.order)]  # in the column order of the run
             less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in zip(as_in_file.sigma[own], sigma, strict=True))
             return way, note(way.code, Severity.ERROR, subject=name, less=less)
     return None
@@ -171,7 +171,7 @@ def _other_way(record: FitRecord, name: str, way: MountWay) -> FitRecord:
 
 
 def _log_sigma(end: Search, own: slice, n: np.ndarray) -> float:
-    """Σ n log σ over the channels of the IMU, of which there are n (3,).  (1)"""
+    """Return Σ n log σ over the channels of the IMU, which have n (3,) readings.  (1)"""
     log_sigma = float(n @ np.log(end.sigma[own]))
     return log_sigma if np.isfinite(log_sigma) and np.isfinite(end.solution.at.cost) else np.inf
 

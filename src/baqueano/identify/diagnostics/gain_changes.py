@@ -1,12 +1,12 @@
-"""A fit held against what the vehicle file claims.
+"""Compare the gains and the noise of a fit with those of the vehicle file.
 
     G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
     G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds to those of a command that turns    (2)
 
-The file need not be right. But a command may push backward that pushed forward, or sideways, or five times as hard.
-Then a column is more often swapped, inverted or in other units than the vehicle misjudged. A scale that all commands
-and readings share cannot be seen in the residuals: only the file knows better. Noise is held against the file too, as
-it changes with the unit and not with the vehicle.
+The file may be wrong. But if a command of the fit pushes backward instead of forward, or sideways, or five times as
+hard, a swapped, inverted or differently scaled column is more likely than a wrong vehicle. A scale that all commands
+and readings share does not show in the residuals, so only the file can reveal it. Noise is compared with the file too,
+as it changes with the unit and not with the vehicle.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ from baqueano.identify.parameters.free import entries, value
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
 
-GAIN = 2.0  # times the file's: what a data sheet and a scale promise together, and a guess of half or double
-TENTH = 0.1  # by which a model that is not quite the vehicle's moves a gain, beside chance
-WHOLE = 20.0  # times the file's: no vehicle is misjudged so
+GAIN = 2.0  # times the file's: the tolerances of data sheet and scale together, or a guess of half or double
+TENTH = 0.1  # relative change of a gain by an imperfect model, beyond chance
+WHOLE = 20.0  # times the file's: beyond any wrong guess of a vehicle
 CLEAR = 5.0  # standard errors
 QUIET, SILENT = 0.2, 1e-4  # times the noise of the file; below SILENT it is a simulation without noise
 UNITS = {
@@ -41,7 +41,7 @@ def check_gain_changes(
     sigma: np.ndarray,
     labels: Sequence[str],
 ) -> list[Diagnostic]:
-    """Return messages on gains and noise that differ from the file as it was before the fit.
+    """Return messages on gains and noise that differ from the file before the fit.
 
     `estimate` and `sd` (p,) belong to `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0
     where the file gives nothing, and `sigma` (m,) the estimated one."""  # fmt: skip
@@ -78,7 +78,7 @@ def _gains(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list[
 
 
 def _comparison(path: str, was: float, now: float, sd: float) -> list[Diagnostic]:
-    """One gain against the file."""
+    """Return findings on one gain compared with its value in the file."""
     if not abs(now - was) > CLEAR * sd:
         return []
     ratio = now / was
@@ -100,7 +100,7 @@ def _unit(off: float) -> Diagnostic | str:
 
 
 def _matrix(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
-    """Column by column: the entry that is largest in the file has to stay so.  (1)"""
+    """Return findings on the gain matrix by column: the largest entry in the file must stay the largest.  (1)"""
     model = file.model
     path = next(
         (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
@@ -136,7 +136,8 @@ def _matrix(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list
 
 
 def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Accelerations of a command (3,); a turn counts at the ratio of the file's own forward and turning gains."""
+    """Return the accelerations of a command (3,), a turn scaled by the ratio of the file's forward and turning
+    gains."""
     gains = np.max(np.abs(was) / scale[:, None], axis=1)
     linear = max(gains[0], gains[1])
     ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
@@ -144,7 +145,7 @@ def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 def _inertia(model: Tree) -> np.ndarray:
-    """(3,) m, m, I; ones for a kinematic model."""
+    """Return (m, m, I) (3,), or ones for a kinematic model."""
     if has_field(model, "mass_kg"):
         return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
     return np.ones(3)

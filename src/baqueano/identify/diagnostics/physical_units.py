@@ -1,4 +1,4 @@
-"""Are commands and readings in the units of the file: held against physics, and the gyro against what else turns?
+"""Test the units of commands and readings against physics, and the gyro against other measures of turning.
 
     |u_j| ≤ limit_j of the vehicle file        |ω_z| ≤ 35 rad/s, 2000 °/s        |a| ≤ 300 m/s²            (1)
     mean of a_x, a_y at rest ≈ bias + 9.8 sin(tilt),  both small for an IMU that lies flat                (2)
@@ -7,9 +7,9 @@
     ω_h = h(θ_0)           of the vehicle file's own numbers ω_z = r ω_h                                   (5)
 
 (3) to (5) are signal maps (runs/diagnostics/signal_map.py): of means over WINDOW_S or four samples, (5) of samples. r
-is 1 where units are right, 180/π or its inverse where they are not; a unit is named within NEAR of it, wheels that skid
-and a guessed file are nearer to 1. A gyro that turns as wheels or the model do is cleared. (4) alone does not tell a
-gyro from an accelerometer in another unit, and names both.
+is 1 if the units are right, else 180/π or its inverse. A unit is reported if r is within NEAR of it: wheels that skid
+and a guessed file give an r nearer to 1. A gyro that agrees with wheels or model is cleared. (4) cannot separate
+a gyro from an accelerometer in another unit, and reports both.
 """
 
 from typing import TYPE_CHECKING
@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-CURVE = "gyro.or-accelerometer"  # the code of a doubt that names two suspects
-NEAR = 2.0  # either way: what a data sheet and a scale promise together
+CURVE = "gyro.or-accelerometer"  # the code of a message that names two suspects
+NEAR = 2.0  # either way: the tolerances of data sheet and scale together
 WINDOW_S, SAMPLES = 0.2, 4.0
 FEW = 20  # rows
-TOO_FAST = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # what the gyro is in, by r
+TOO_FAST = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # r → unit of the gyro
 TOO_SLOW = {1.0 / r: unit for r, unit in TOO_FAST.items()}  # and by 1/r
-HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long
+HARDEST_M_S2 = 300.0  # the largest acceleration on a small vehicle, apart from shocks
 TILTED_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
 OVER = 1.2  # times the limit: rounding and trims are less
 FEW_AT_REST = 20  # ticks at rest
@@ -51,8 +51,11 @@ FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
 def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
-    """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
-    wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (3), (4)"""
+    """Return a message if the gyro is in another unit than the wheels, or than speed and sideways acceleration.
+
+    Return no message if the wheels of some sensor turn as the gyro does. If only a curve shows the fault, the
+    message names gyro or accelerometer.  (3), (4)
+    """
     sensors, by_wheels, curves = file.sensors._asdict(), [], []
     for sensor_name, channel in run.sensors.items():
         block: Tree = sensors.get(sensor_name)
@@ -83,7 +86,7 @@ def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic
 
 
 def _of_a_curve(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | None:
-    """Test a_y = v ω_z / r, which cannot say which of them is wrong.  (4)"""
+    """Test a_y = v ω_z / r, which cannot separate a wrong gyro from a wrong accelerometer.  (4)"""
     slope = abs(curve.relation.slope) or np.nan
     message = _wrong_unit(
         name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=speed_name)
@@ -94,9 +97,11 @@ def _of_a_curve(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | N
 
 
 def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
-    """Report a gyro in another unit than the turning that commands make by the vehicle file, and whether every gyro is
-    cleared. The search has ended: it turns as they say, or as wheels do, or the fit explains it with the file's own
-    gains. Where the search began tells nothing of it.  (3), (5)"""
+    """Return messages on gyros in another unit than the file's predictions, and True if all gyros are cleared.
+
+    A gyro is cleared if it agrees with the file, with the wheels, or with a converged fit that keeps the file's
+    gains. The start of the search is not evidence, so it is not used.  (3), (5)
+    """
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
     by_file, _, _ = first_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())
@@ -117,8 +122,8 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
 
 
 def _as_promised(end: "FinishedFit") -> bool:
-    """True if a fit left the gains that turn the vehicle, and what they act on, near those of the file. A fit in which
-    none of its free gains is identifiable says nothing about them."""
+    """Return True if a fit left the gains that turn the vehicle, and the inertia, near those of the file. A fit in
+    which none of these gains is identifiable is not evidence."""
     free = end.free
     now, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
     was = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]
@@ -134,7 +139,7 @@ def _as_promised(end: "FinishedFit") -> bool:
 
 
 def _turns(parameter: Free) -> bool:
-    """Return True for a gain or a measure of the vehicle from which its turning comes."""
+    """Return True for a gain or a measure of the vehicle on which its turning depends."""
     is_gain = parameter.of.role in ("gain", "known") and parameter.path.startswith("model.")
     return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
@@ -157,7 +162,7 @@ def _wrong_unit(name: str, hypothesis: Hypothesis, r: float, source: Diagnostic)
 
 
 def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
-    """Means (W, m) of both over the same windows, those in which both said something."""
+    """Return the means (W, m) of both logs over the windows in which both have samples, or None if one is short."""
     if min(len(log.t_ns), len(second_log.t_ns)) < FEW:
         return None
     usual_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
@@ -170,7 +175,7 @@ def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
-    """Find commands and readings beyond any small vehicle, or beyond the limits of its file."""
+    """Return messages on commands and readings beyond any small vehicle, or beyond the limits of its file."""
     messages = _commands(run, file)
     for name, block in sensors.items():
         if (

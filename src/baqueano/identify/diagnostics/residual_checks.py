@@ -1,17 +1,16 @@
-"""Structure in the residuals of a fit, and its effect on the parameters.
+"""Find structure in the residuals of a fit, and estimate its effect on the parameters.
 
-    share_c = √γ_c(1) / spread of what the model says of channel c                                        (1)
+    share_c = √γ_c(1) / spread of the prediction of channel c                                             (1)
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
-The terms of unmodelled_terms.py are tested, and changes of each parameter between parts of the data. The parts are the
-first quarter, third, half, two thirds and three quarters of the time, and each run. They are also forward and backward,
-left and right, fast and slow, speeding up and slowing down. An answer counts if chance gives it in 1 of 40,000 cases
-(some 250 are asked; a low-pass of the IMU, 1 of 300) and a parameter would move by over 2 of its errors and 2 %; or it
-differs in parts by over 5 %. What it would move, and half of what parts differ by, is added to the error bars. γ(1), of
-neighbouring residuals, is motion that the model does not know: above 5 % of what it knows, or a tenth with (2) above
-1.3, parameters are not told to 5 %. Outliers that come when the model changes fast (3) are a model that is late, early
-or too simple.
+The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data: the
+first 1/4, 1/3, 1/2, 2/3, 3/4 of the time, each run, forward or backward, left or right, fast or slow, speeding up or
+slowing down. A result counts if its probability by chance is below 1 in 40,000 (some 250 tests; a low-pass of the IMU:
+1 in 300) and a parameter would move by over 2 of its errors and 2 %, or differs between parts by over 5 %. The shift,
+and half of the difference of parts, is added to the error bars. γ(1), of neighbouring residuals, is motion outside the
+model: above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %. Outliers
+during fast changes of the prediction (3) mean that the model is late, early or too simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -51,14 +50,14 @@ SURE = (
     (29, 5.0),
     (59, 4.6),
 )
-LIKELY = 3.0  # standard errors of a low-pass: nearly every IMU has one, so less has to speak for it
-MOVES_SD, MOVES = 2.0, 0.02  # standard errors, and part of itself
-DIFFERS = 0.05  # part of itself
+LIKELY = 3.0  # standard errors for a low-pass: nearly every IMU has one, so less evidence suffices
+MOVES_SD, MOVES = 2.0, 0.02  # least shift: in standard errors, and relative to the parameter
+DIFFERS = 0.05  # relative to the parameter
 SHARE, EXCESS = 0.05, 1.3  # (1), (2)
 ENOUGH = 20  # measurements of a channel
 FAR, FEW, FAR_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
-MOST_REPORTED = 2  # answers that are reported, the clearest first
-RUNS = 8  # that are held against the others one by one
+MOST_REPORTED = 2  # results that are reported, the most significant first
+RUNS = 8  # up to this number, each run is compared with the others
 
 
 def check_residuals(
@@ -68,8 +67,11 @@ def check_residuals(
     identifiable: np.ndarray,
     sd: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), whose `identifiable` (p,) entries have errors `sd` (p,). Return also by how much each
-    parameter, by path, may be off; the problem is weighed with the noise that was found."""
+    """Return findings at θ (p,), and by path the error of each parameter that they cause.
+
+    The `identifiable` (p,) entries have standard errors `sd` (p,); the problem is weighted with the estimated
+    noise.
+    """
     index = np.flatnonzero(identifiable[: problem.layout.shared])
     if not len(index):
         return _of_residuals(problem, problem.residuals(theta)), {}
@@ -87,15 +89,15 @@ def check_residuals(
 
 
 class _Clear(NamedTuple):
-    """One clear answer."""
+    """A significant result of a test."""
 
     z: float
     message: Diagnostic
-    by: np.ndarray  # (k,) what the parameters may be off by
+    by: np.ndarray  # (k,) possible errors of the parameters
 
 
 class _FitEvidence:
-    """A fit and what it left."""
+    """A fit, its residuals, and the standard errors of its parameters."""
 
     def __init__(
         self, residuals: FitResiduals, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray
@@ -104,7 +106,7 @@ class _FitEvidence:
         self.names = [path.removeprefix("model.") for path in paths]
 
     def clear(self, answer: ScoreTest) -> bool:
-        """Return True where chance does not explain it."""
+        """Return True if the result is significant."""
         if abs(answer.z) <= SURE[-1][1]:
             return False
         dof = [-1.0 / d for d, _ in SURE]
@@ -112,11 +114,11 @@ class _FitEvidence:
         return bool(abs(answer.z) > sure)
 
     def widens(self, by: np.ndarray) -> tuple[tuple[str, float], ...]:
-        """`by` (k,) as a finding has it."""
+        """Return the errors `by` (k,) that are above 0, each with the path of its parameter."""
         return tuple((path, float(x)) for path, x in zip(self.paths, by, strict=True) if x > 0.0)
 
     def most_biased(self, answer: ScoreTest) -> int | None:
-        """Which parameter the answer moves most, in standard errors; None if none is moved by enough."""
+        """Return the index of the parameter with the largest shift, in standard errors, or None if all are small."""
         far = np.abs(answer.shift) / np.maximum(self.sd, 1e-300)
         counts = (far > MOVES_SD) & (np.abs(answer.shift) > MOVES * np.abs(self.theta))
         return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
@@ -131,7 +133,7 @@ def _missing(fit: _FitEvidence, answers: Sequence[tuple[LabelledTerm, ScoreTest]
             continue
         k, delay = fit.most_biased(answer), code == "delay"
         if delay and DELAY in fit.paths:
-            continue  # it is in the model: what is left has another shape
+            continue  # the delay is in the model: this effect has another shape
         if k is not None:
             path = f"sensors.{term_note.subject}.low_pass_hz" if filtered else DELAY
             message = note(
@@ -182,8 +184,8 @@ def _masks(residuals: FitResiduals, now: FittedMotion | None) -> Iterator[tuple[
 def _channels(
     problem: Residuals, residuals: Sequence[np.ndarray]
 ) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
-    """Per channel its name, and per piece residuals r and predictions h (n,) where there are measurements, in
-    standard deviations."""
+    """Yield for each channel its name, and per segment the residuals r and predictions h (n,) at its measurements,
+    in standard deviations."""
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     for c, label in enumerate(labels):
         has_samples = [has[:, c] > 0.0 for has in problem.has]
@@ -193,16 +195,16 @@ def _channels(
 
 
 def _of_residuals(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
-    """Report autocorrelated residuals, and outliers that repeat."""
+    """Return messages on autocorrelated residuals, and on outliers during fast changes."""
     out = []
     for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= ENOUGH:
-            out += _colour_messages(label, r, h) + _timely(label, r, h)
+            out += _autocorrelation_messages(label, r, h) + _timely(label, r, h)
     return out
 
 
-def _colour_messages(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
-    """(1), (2)"""
+def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
+    """Return a message if the residuals are autocorrelated and large.  (1), (2)"""
     limited = [np.clip(x, -3.0, 3.0) for x in r]
     count = sum(max(0, len(x) - 1) for x in limited)
     gamma = sum(float(x[1:] @ x[:-1]) for x in limited) / max(count, 1)
@@ -219,7 +221,7 @@ def _colour_messages(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> li
 
 
 def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
-    """(3)"""
+    """Return a message if outliers come when the prediction changes fast.  (3)"""
     far = np.abs(np.concatenate(r)) > FAR
     n = int(far.sum())
     if n < FEW:

@@ -1,15 +1,16 @@
-"""Samples that are not measurements: not finite, held, stuck, logged as zero, at the end of an unknown range.
+"""Find samples that are not measurements: not finite, held, stuck, logged as zero, or at an unknown end of range.
 
     P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)     of white noise σ in steps of q, at most         (1)
     σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6     of the values that changed
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
-What is `FACTOR` times more frequent than (1) is not chance and is left out: samples that repeat the one before, exact
-zeros. Where the signal moves by less than a step, nothing is. Of encoders the values between two jumps decide
-(runs/diagnostics/repeated_readings.py). A pile is their top speed, and a zero counts only between two readings far from
-it. A pile (2) shows a range that the file does not tell: tails fall towards the extreme, only a clip piles up there.
-Left out is then (3), which does not depend on the noise of the sample itself and so does not pull the fit.
+Samples that repeat the previous one, and exact zeros, are left out if they are `FACTOR` times more frequent than (1).
+They stay if the signal moves by less than a step. For encoders, the values between two jumps decide
+(runs/diagnostics/repeated_readings.py): many equal values are their top speed, and a zero counts only between two
+readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the tails of
+noise thin out there. The samples of (3) are then left out. (3) does not depend on the noise of the sample itself, so
+the fit stays unbiased.
 """
 
 from dataclasses import replace
@@ -25,20 +26,20 @@ from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
 
-FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance
-ENOUGH = 20  # samples to say anything
+FACTOR, FEW = 3.0, 5  # more samples than FACTOR times the expected number plus FEW are significant
+ENOUGH = 20  # samples for a test
 PILE, VISITS = 5, 3  # (2)
 MUCH = 0.1  # part of the samples of a channel that may be lost without a warning
 AROUND, IN_A_ROW = 9, 3  # samples, (3)
-ROUNDING = 1e-12  # of the largest value: what two ways to compute one reading differ by
+ROUNDING = 1e-12  # of the largest value: rounding difference between two ways to compute a reading
 FAR = 10.0  # standard deviations between an isolated zero and its neighbours
 
 
 class Grain(NamedTuple):
     """Noise and resolution of one channel."""
 
-    sigma: float  # of second differences; 0 where too little changes
-    step: float  # least difference of two values, rounding aside
+    sigma: float  # from second differences; 0 if too few values change
+    step: float  # least difference of two values, without rounding
 
 
 def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
@@ -58,7 +59,7 @@ def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, li
 
 
 def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return the mask of invalid samples of one channel (M,), and why."""
+    """Return the mask (M,) of invalid samples of one channel, and messages about them."""
     good, none = np.isfinite(x), np.zeros(len(x), bool)
     if good.sum() < ENOUGH:
         return none, []
@@ -75,7 +76,7 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
 
 
 def _together(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]:
-    """Return the findings, one for all m channels where these agree."""
+    """Return the findings, merged to one if all m channels have the same finding."""
     out: list[Diagnostic] = []
     for message in messages:
         same = [o for o in messages if (o.code, o.figures) == (message.code, message.figures)]
@@ -87,7 +88,7 @@ def _together(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]
 
 
 def grain(x: np.ndarray) -> Grain:
-    """σ and q of finite values x (M,).  (1)"""
+    """Return σ and q of finite values x (M,).  (1)"""
     fresh = x[np.concatenate([[True], np.diff(x) != 0.0])]
     levels = np.unique(x)
     if len(fresh) < ENOUGH or len(levels) < 3:
@@ -106,12 +107,12 @@ def _dead(label: str, x: np.ndarray) -> Diagnostic:
 
 
 def _part(bad: np.ndarray, finite: np.ndarray) -> float:
-    """Return the percentage of samples `bad` (M,) of those `finite` (M,)."""
+    """Return the percentage of the samples `bad` (M,) among those `finite` (M,)."""
     return 100.0 * float(bad.sum()) / max(1, int(finite.sum()))
 
 
 def _zeros(label: str, x: np.ndarray, sample_grain: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Frames that were lost and logged as zero."""
+    """Return the mask of lost frames that were logged as zero, and a message."""
     zero, none = x == 0.0, np.zeros(len(x), bool)
     chance = len(x) * sample_grain.step / (np.sqrt(2.0 * np.pi) * sample_grain.sigma)
     if zero.sum() <= FACTOR * chance + FEW:
@@ -135,7 +136,7 @@ def _zeros(label: str, x: np.ndarray, sample_grain: Grain, imu: bool) -> tuple[n
 def _repeats(
     label: str, x: np.ndarray, sample_grain: Grain, imu: bool
 ) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Samples that repeat the one before: held, or stuck."""
+    """Return the mask of samples that repeat the previous one (held or stuck), and a message."""
     same = np.concatenate([[False], x[1:] == x[:-1]])
     chance = len(x) * sample_grain.step / (2.0 * np.sqrt(np.pi) * sample_grain.sigma)
     if same.sum() <= FACTOR * chance + FEW if imu else not are_held(repeats(x).lasting):
@@ -148,10 +149,10 @@ def _repeats(
 
 
 def _limit_samples(label: str, x: np.ndarray, sample_grain: Grain) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Samples at the end of a range.  (2), (3)"""
+    """Return the mask of samples at the end of a range, and a message.  (2), (3)"""
     finite, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
     if finite.sum() < ENOUGH or sample_grain.sigma < sample_grain.step:
-        return bad, []  # so coarse that levels are piles by themselves
+        return bad, []  # too coarse: every level has many samples
     width = max(2.0 * sample_grain.step, 0.2 * sample_grain.sigma)
     for sign in (1.0, -1.0):
         y = np.where(finite, sign * x, -np.inf)
@@ -182,8 +183,7 @@ def _limit_samples(label: str, x: np.ndarray, sample_grain: Grain) -> tuple[np.n
 
 
 def _beyond(y: np.ndarray, at: np.ndarray, most: float, sigma: float) -> np.ndarray:
-    """Return the samples at which the signal itself, not its noise, is at the end
-    `most` of the range: (M,) bool.  (3)"""
+    """Return the mask (M,) of samples whose signal, apart from noise, is at the end `most` of the range.  (3)"""
     extended = np.pad(y, AROUND // 2, mode="edge")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(extended, AROUND), axis=1)
     near = middle > most - 2.0 * sigma

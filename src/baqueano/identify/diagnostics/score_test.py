@@ -1,6 +1,6 @@
-"""Score tests of many effects that a model lacks, without a new fit.
+"""Test many effects that a model lacks by score tests, without a new fit.
 
-    D⊥ = D − d A⁻¹ dᵀ w D,   A = dᵀ w d           what θ cannot imitate                                   (1)
+    D⊥ = D − d A⁻¹ dᵀ w D,   A = dᵀ w d           the part of D that θ cannot imitate                     (1)
     δ  = D⊥ᵀ ψ / (D⊥ᵀ w D⊥)                       the size of the effect                                  (2)
     Δθ = A⁻¹ dᵀ w D δ                             the change of θ if it were in the model                 (3)
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
@@ -8,8 +8,8 @@
 r (N, m) are the residuals in standard deviations, d = ∂r/∂θ, ψ(r) the clipped residual of the Huber cost, w = ψ'(r),
 −D the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) takes the scatter of (2) from
 the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥: Student's t with 1/Σ h_b² − 1 degrees of
-freedom. B is 60 where the run allows it. One effect is a parameter that differs in a part of the run, D = 1_part d_j.
-Biases and starts are taken out of d and D before. docs/derivations/robust_covariance.md has the reasons.
+freedom. B is 60 if the run is long enough. An effect may be a parameter that differs in a part of the run, D = 1_part
+d_j. Biases and starts are eliminated from d and D first. docs/derivations/robust_covariance.md gives the reasons.
 Sources: Rao 1948; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
 """
 
@@ -26,16 +26,16 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 BLOCKS = 60
 SHORTEST_BLOCK = 20  # rows
 PROMISING = 3.0  # standard errors of white noise
-AT_ONCE = 16  # probes
-UNSEEN = 1e-6  # part of a probe that θ does not imitate, below which there is none
+AT_ONCE = 16  # effects
+UNSEEN = 1e-6  # an effect with a smaller part that θ cannot imitate is not tested
 
 
 class NuisanceSlopes(NamedTuple):
-    """Nuisance slopes of one run, or of one segment."""
+    """Derivatives of the nuisance parameters of one run or one segment."""
 
     rows: slice  # of N
     at: slice  # of N m
-    d: np.ndarray  # (q, n m) slopes, without what was taken out before
+    d: np.ndarray  # (q, n m) derivatives, with earlier nuisance parameters eliminated
     weighted: np.ndarray  # (q, n m) d w
     inverse: np.ndarray  # (q, q) of d w dᵀ
 
@@ -43,21 +43,21 @@ class NuisanceSlopes(NamedTuple):
 class FitResiduals(NamedTuple):
     """Residuals of all runs, row after row; k shared entries of θ are identifiable."""
 
-    residuals: list[np.ndarray]  # per piece (n, m)
+    residuals: list[np.ndarray]  # per segment (n, m)
     psi: np.ndarray  # (N m,)
-    w: np.ndarray  # (N m,) 1 where the residual is not clipped and there is one
-    d: np.ndarray  # (k, N m) slopes of what the model says, in standard deviations, without what is own
+    w: np.ndarray  # (N m,) 1 where a residual exists and is not clipped
+    d: np.ndarray  # (k, N m) derivatives of the prediction, in standard deviations, without nuisance
     score: np.ndarray  # (k,) d ψ
     own: list[NuisanceSlopes]
     run: np.ndarray  # (N,) the number of the run
     blocks: np.ndarray  # (B,) their first rows
     inverse: np.ndarray  # A⁻¹ (k, k)
     weighted: np.ndarray  # (k + 1, N m) d w, and ψ
-    power: float  # of ψ where white noise has 1, over the part of it that is not clipped
+    power: float  # mean square of ψ over the residuals that are not clipped; 1 for white noise
 
 
 class ScoreTest(NamedTuple):
-    """Of one probe."""
+    """Result of the test of one effect."""
 
     size: float  # δ (2)
     z: float  # (4)
@@ -66,33 +66,35 @@ class ScoreTest(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Of K columns D: all that (1) to (3) need of them."""
+    """Sums over the rows for K columns D, as (1) to (3) need them."""
 
     whole: np.ndarray  # (K,) D w D
     total: np.ndarray  # (K,) D ψ
     cross: np.ndarray  # (K, k) D w dᵀ
-    own: list[np.ndarray]  # (K, q) D w dᵀ of what is own
+    own: list[np.ndarray]  # (K, q) D w dᵀ with each nuisance
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
     """Return the residuals at θ; `identifiable` (p,) bool marks the entries of θ that the data determine."""
-    layout, pieces = problem.layout, problem.sensitivities(theta, last=True)
+    layout, segments = problem.layout, problem.sensitivities(theta, last=True)
     s, m = layout.shared, len(problem.sigma)
     has = np.concatenate(problem.has).ravel() > 0.0
-    r = np.concatenate([r.ravel() for r, _, _ in pieces])
+    r = np.concatenate([r.ravel() for r, _, _ in segments])
     psi, w = np.where(has, np.clip(r, -HUBER, HUBER), 0.0), (has & (np.abs(r) < HUBER)).astype(float)
-    slopes = [d.reshape(-1, d.shape[2]) for _, d, _ in pieces]
+    slopes = [d.reshape(-1, d.shape[2]) for _, d, _ in segments]
     flat = (np.concatenate(slopes) if len(slopes) > 1 else slopes[0]).T  # (q, N m); rows stay together
     np.negative(flat, out=flat)
     q = len(flat)
-    run = np.concatenate([np.full(len(r), k) for (r, _, _), k in zip(pieces, layout.runs, strict=True)])
-    ends = np.cumsum([0, *(len(r) for r, _, _ in pieces)])
+    run = np.concatenate([np.full(len(r), k) for (r, _, _), k in zip(segments, layout.runs, strict=True)])
+    ends = np.cumsum([0, *(len(r) for r, _, _ in segments)])
     count = int(np.clip(len(run) // SHORTEST_BLOCK, 2, BLOCKS))
     first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
     own: list[NuisanceSlopes] = []
     for k, (a, b) in enumerate(pairwise(ends.tolist())):
         keep = identifiable[layout.of_starts(k)]
-        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), keep, range(q - layout.by_piece))
+        own += _own(
+            flat, w, slice(a, b), m, range(q - layout.by_segment, q), keep, range(q - layout.by_segment)
+        )
     for k in range(max(layout.runs) + 1):
         rows = np.flatnonzero(run == k)
         keep = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
@@ -104,14 +106,14 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     weighted_rows[-1] = psi
     both = _product(weighted_rows, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
-    residuals = [r for r, _, _ in pieces]
+    residuals = [r for r, _, _ in segments]
     return FitResiduals(
         residuals, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted_rows, power
     )
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """x y of x (a, n) and y (n,) or (n, b), where n are measurements."""
+    """Return x y for x (a, n) and y (n,) or (n, b), over n measurements, in parts that stay in the cache."""
     out = np.zeros((len(x), *y.shape[1:]))
     for at in in_cache(len(y), out.size):
         out += x[:, at] @ y[at]
@@ -127,7 +129,8 @@ def _own(
     identifiable: np.ndarray,
     rest_rows: range,
 ) -> list[NuisanceSlopes]:
-    """The identifiable `entries` of a run or piece, taken out of the `rest_rows` of `flat` (q, N m)."""
+    """Return the derivatives of the identifiable `entries` of a run or segment; eliminate them from the `rest_rows`
+    of `flat` (q, N m)."""
     index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
     if not index:
         return []
@@ -141,14 +144,14 @@ def _own(
 
 
 def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
-    """D (K, n) ← D − ties d, with ties (K, q) and d (q, n)."""
+    """Subtract `ties` (K, q) times `d` (q, n) from D (K, n), in place."""
     for at in in_cache(D.shape[1], ties.size):
         D[:, at] -= ties @ d[:, at]
 
 
 def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
-    """Columns D (K, N m), in standard deviations as `fit` is: what the model would say more. One that ran away
-    asks nothing."""
+    """Return the test of each effect, a column of D (K, N m): the change of the prediction in standard deviations.
+    A column that diverged counts as 0."""
     sums = _sums(fit, D)
     away = ~np.isfinite(sums.whole)
     for part in (sums.whole, sums.total, sums.cross, *sums.own) if away.any() else ():
@@ -157,7 +160,7 @@ def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
 
 
 def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
-    """Of columns (K, N m)."""
+    """Return the sums for the columns D (K, N m)."""
     whole, both = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
         for at in in_cache(D.shape[1], both.size):
@@ -170,7 +173,7 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
 
 
 def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
-    """Test if each of the k entries differs in the rows of each mask (N,): D = 1_part d."""
+    """Test if each of the k entries differs in the rows of each mask (N,), by D = 1_part d."""
     k, n = len(fit.d), len(fit.run)
     m, part_masks = len(fit.psi) // n, np.array(masks)
     rows = fit.weighted[:-1].T.reshape(n, m, k)
@@ -202,11 +205,13 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
 
 
 def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
-    """(P, k, q) Σ xᵀ y of the rows x (n, m, k), y (n, m, q) of each part (P, n): rows that are `alike` (n,) are in
-    the same parts, so that each is taken once."""
+    """Return Σ xᵀ y (P, k, q) of the rows x (n, m, k), y (n, m, q) of each part (P, n).
+
+    Rows with the same number in `alike` (n,) are in the same parts, so that each row is multiplied once.
+    """
     order = np.argsort(
         alike.astype(np.min_scalar_type(alike.max())), kind="stable"
-    )  # quick where it is small
+    )  # a small type sorts faster
     edges = np.flatnonzero(np.diff(alike[order], prepend=-1, append=-1))
     k, q = x.shape[2], y.shape[2]
     x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
@@ -219,7 +224,7 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, part_masks: np.nd
 def _score_tests(
     fit: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
 ) -> list[ScoreTest]:
-    """(1)-(3) of the columns' sums; (4) of those `column`s that may be clear."""
+    """Return (1) to (3) from the sums of the columns, and (4) for each `column` that may be significant."""
     ties = sums.cross @ fit.inverse
     power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
     total = sums.total - ties @ fit.score
@@ -228,7 +233,9 @@ def _score_tests(
         ties_own.append(own_sums @ own.inverse)
         power -= np.einsum("ki,ki->k", own_sums, ties_own[-1])
         total = total - ties_own[-1] @ _product(own.d, fit.psi[own.at])
-    is_shown = power > UNSEEN * np.maximum(sums.whole, 1e-300)  # else θ imitates it, or nothing shows it
+    is_shown = power > UNSEEN * np.maximum(
+        sums.whole, 1e-300
+    )  # else θ imitates the effect, or no measurement shows it
     size = np.where(is_shown, total / np.where(is_shown, power, 1.0), 0.0)
     clear = np.flatnonzero(
         is_shown & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * fit.power))
@@ -247,7 +254,7 @@ def _score_tests(
 
 
 def _jackknife(fit: FitResiduals, D: np.ndarray) -> list[tuple[float, float]]:
-    """z and degrees of freedom of D⊥ (K, N m).  (4)"""
+    """Return z and the degrees of freedom for each D⊥ (K, N m).  (4)"""
     first = fit.blocks * (len(fit.psi) // len(fit.run))
     S, P = np.add.reduceat(D * fit.psi, first, axis=1), np.add.reduceat(D * D * fit.w, first, axis=1)
     total, power = S.sum(axis=1, keepdims=True), P.sum(axis=1, keepdims=True)

@@ -1,14 +1,13 @@
-"""Timestamps that are wrong: jumps, bursts, stamps that repeat or go back, a clock in other units.
+"""Detect and repair wrong timestamps: jumps, bursts, repeated or reversed stamps, a clock in another unit.
 
     steps   Δ_k = t_k − t_{k−1},   usual step = median Δ,   regular rate = 1 / mean Δ                     (1)
 
-A step above 1 s and 20 usual steps is a pause or a clock that was set: the run is cut there and never integrated
-across; pieces below 2 s are dropped. So is the first 0.5 s after a cut, when motors still follow commands that nobody
-knows. Where more than a fifth of the steps are shorter than a fifth of the mean, samples were stamped as they were
-read, in bursts: they are spread evenly from the end of the burst before to the end of their own. That is right to one
-sample if the sensor is regular. A usual step that is 20 times off the file's rate is a clock in another unit. A
-sensor's stamp that lies more than 0.25 s from the usual lateness of its samples is not the time of measurement: the
-sample is left out.
+A step above 1 s and 20 usual steps is a pause, or a clock that was set: the run is cut there and never integrated
+across. Parts below 2 s are dropped, and so is the first 0.5 s after a cut, when motors still follow unknown commands.
+If more than a fifth of the steps are shorter than a fifth of the mean, samples were stamped in bursts as they were
+read. They are spread evenly from the end of the previous burst to the end of their own, which is right to one sample
+for a regular sensor. A usual step that is 20 times off the file's rate means a clock in another unit. A sample whose
+lateness differs by more than 0.25 s from the usual one is left out: its stamp is not the time of measurement.
 """
 
 from dataclasses import replace
@@ -23,15 +22,15 @@ from baqueano.signals import NANOSECONDS
 
 PAUSE_S, PAUSE_STEPS = 1.0, 20.0
 PIECE_S = 2.0
-SETTLE_S = 0.5  # in which motors and delays forget what was commanded before a pause
-OFF_UNIT = 20.0  # no loop of a small vehicle is that far from the rate it was made for
+SETTLE_S = 0.5  # after a pause, for motors and delays to settle
+OFF_UNIT = 20.0  # factor on the rate beyond which the clock is in another unit
 SHORT, MANY = 0.2, 0.2  # of a burst
 LATE_S = 0.25
 FEW = 20  # samples
 
 
 def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
-    """The run, mended and in pieces, and what was found."""
+    """Return the repaired run, cut at pauses, and the findings."""
     if len(run.t_ns) < FEW:
         return [run], []
     run, unit = _units(run, rate_hz)
@@ -40,8 +39,8 @@ def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnost
     messages = [message for _, messages in with_stamps.values() for message in messages]
     if messages:
         run = replace(run, sensors={name: channel for name, (channel, _) in with_stamps.items()})
-    pieces, cuts = _pieces(run)
-    return pieces, unit + more + messages + cuts
+    segments, cuts = _segments(run)
+    return segments, unit + more + messages + cuts
 
 
 def _units(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
@@ -64,7 +63,7 @@ def _units(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
         times = {k: _scale(getattr(log, k), first, off) for k in log._fields if k in ("t_ns", "arrival_ns")}
         return log._replace(**times)
 
-    # The search is made in the time of the file, so that it ends; the verdict is REFUSED all the same.
+    # The search uses the time scale of the file, so that it converges; the verdict is REFUSED in any case.
     sensors = {name: scale_log(channel) for name, channel in run.sensors.items()}
     t_ns = _scale(run.t_ns, first, off)
     if np.any(np.diff(t_ns) <= 0):
@@ -86,7 +85,7 @@ def _is_burst(t_ns: np.ndarray) -> bool:
 
 
 def spread(t_ns: np.ndarray) -> np.ndarray:
-    """Stamps of bursts spread evenly: each burst ends where its last sample was stamped."""
+    """Return the stamps with bursts spread evenly: each burst ends at the stamp of its last sample."""
     steps = np.diff(t_ns)
     usual = steps[steps <= np.quantile(steps, 0.99)]
     ends = np.flatnonzero(np.concatenate([steps >= 0.5 * np.mean(usual), [True]]))
@@ -124,7 +123,7 @@ def _burst(subject: str, moved_s: float) -> Diagnostic:
 
 
 def _shift(timestamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Stamps that belong to ticks `before`, on ticks `after`."""
+    """Return stamps that refer to the ticks `before`, moved to the ticks `after`."""
     origin = int(before[0])
     shift = np.interp(
         (timestamps - origin).astype(float), (before - origin).astype(float), (after - before).astype(float)
@@ -133,7 +132,7 @@ def _shift(timestamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.
 
 
 def _stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
-    """The channel without samples whose stamp is not their time."""
+    """Return the channel without samples whose stamp is not their time of measurement, and the findings."""
     if len(c.t_ns) < FEW:
         return c, []
     late_s = (c.arrival_ns - c.t_ns) / NANOSECONDS
@@ -156,25 +155,25 @@ def _grave(loss: np.ndarray) -> Severity:
     return Severity.WARNING if loss.mean() > MANY else Severity.INFO
 
 
-def _pieces(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-    """The run cut where time makes a pause."""
+def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
+    """Return the segments of the run between pauses, and a message if it was cut."""
     steps_s = np.diff(run.t_ns) / NANOSECONDS
     pause = max(PAUSE_S, PAUSE_STEPS * float(np.median(steps_s)))
     cuts = np.flatnonzero(steps_s > pause)
     if not len(cuts):
         return [run], []
-    edges, pieces = [0, *(cuts + 1).tolist(), len(run.t_ns)], []
+    edges, segments = [0, *(cuts + 1).tolist(), len(run.t_ns)], []
     for a, b in pairwise(edges):
         if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= PIECE_S:
-            pieces.append(_piece(run, a, b))
+            segments.append(_segment(run, a, b))
     figures = {"jumps": len(cuts), "most_s": float(steps_s.max()), "least_s": PIECE_S}
-    if not pieces:
+    if not segments:
         return [run], [note("time.jump-throughout", Severity.ERROR, **figures)]
-    return pieces, [note("time.jump", Severity.INFO, pieces=len(pieces), **figures)]
+    return segments, [note("time.jump", Severity.INFO, pieces=len(segments), **figures)]
 
 
-def _piece(run: Run, a: int, b: int) -> Run:
-    """Ticks a to b − 1 of it, and the samples that were measured during them."""
+def _segment(run: Run, a: int, b: int) -> Run:
+    """Return ticks a to b − 1 of the run, and the samples that were measured during them."""
     low, high = int(run.t_ns[a]), int(run.t_ns[b - 1])
 
     begin_ns = low + round(SETTLE_S * NANOSECONDS) * (a > 0)

@@ -1,15 +1,15 @@
-"""Forces that a model often lacks, as accelerations φ(t) along an axis: what unmodelled_terms.py pushes with.
+"""Generate forces that a model often lacks, as accelerations φ(t) along an axis, for unmodelled_terms.py.
 
-w are the channels of the drivetrain (left and right wheel, or the commands), ν is that of the model; both over their
-largest value, φ is one of
+w are the channels of the drivetrain (left and right wheel, or the commands), ν is that of the model, both relative to
+their largest value. φ is one of
 
     tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
     tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (2)
     ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)       along x                                (3)
     ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)     about ψ                                (4)
 
-(1) are dead zones and backlash, motors that saturate or slip, that are unequal forward and backward, and a
-battery that fades; (2) dry and other friction, a caster that flips; (3), (4) what corners cost. A tyre that slips
+(1) are dead zones and backlash, motors that saturate or slip, motors that differ forward and backward, and a fading
+battery. (2) are dry and other friction, and a caster that flips; (3) and (4) are losses in corners. A tyre that slips
 sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3). It turns less
 than it is steered, by the third of (4).
 """
@@ -22,15 +22,15 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FitRecord
 
-AFTER_S = 0.2  # how long something lasts that begins when a sign changes
-SMALL = 0.1  # of the largest value: where a tanh has changed its sign
+AFTER_S = 0.2  # duration of an effect that begins when a sign changes
+SMALL = 0.1  # of the largest value: width of the tanh at a change of sign
 COMMANDED = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
 MOVED = ("dry friction", "drag", "steep drag", "one-sided drag", "caster", "cornering", "turning", "slip")
 SIDEWAYS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 
 
 class Force(NamedTuple):
-    """One φ along one axis; the channel of (1)."""
+    """One φ along one axis, with its channel if it is of (1)."""
 
     code: str
     what: Diagnostic
@@ -39,8 +39,8 @@ class Force(NamedTuple):
 
 
 def force_terms(axis: int, channels: int) -> list[Force]:
-    """Return the forces along `axis`, 0 or 2, and, last, one sideways, in the order of `command_features`
-    and `motion_features`."""
+    """Return the forces along `axis`, 0 or 2, and last a sideways one, in the order of `command_features` and
+    `motion_features`."""
     of_commands = [
         Force(f"{code} of channel {j}", _term(code), axis, j) for code in COMMANDED for j in range(channels)
     ]
@@ -53,14 +53,14 @@ def _term(code: str) -> Diagnostic:
 
 
 def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
-    """φ (N, 5 c) of one piece with channels w (N, c) over their largest.  (1)"""
+    """Return φ (N, 5 c) of one segment with channels w (N, c), relative to their largest value.  (1)"""
     t, size = np.cumsum(record.dt_s), np.abs(w)
     fading = w * (t / t[-1] - 0.5)[:, None]
     return np.concatenate([np.tanh(w / SMALL), w * size, size, fading, _since_turn(w, t)], axis=1)
 
 
 def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
-    """φ (N, 9) of one piece with motion ν (N, 3): (2), then (3) or (4)."""
+    """Return φ (N, 9) of one segment with motion ν (N, 3): (2), then (3) or (4)."""
     v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
     x, w, size = nu[:, :1], nu[:, 2:], np.abs(v)
     along, about = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
@@ -70,7 +70,7 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
 
 
 def driven(model: Tree, u: np.ndarray) -> np.ndarray:
-    """The channels (N, c) that commands u (N, n) drive."""
+    """Return the channels (N, c) that commands u (N, n) drive."""
     drivetrain = getattr(model, "drivetrain", None)
     if getattr(drivetrain, "mixing", "none") == "two_wheels":
         return np.column_stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
@@ -78,7 +78,7 @@ def driven(model: Tree, u: np.ndarray) -> np.ndarray:
 
 
 def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """sign x e^(−s/0.2 s) (N, c), s since each column last changed its sign."""
+    """Return sign x e^(−s/0.2 s) (N, c), with s the time since each column last changed its sign."""
     out = np.zeros_like(x)
     for c, sign in enumerate(np.sign(x).T):
         moving = np.flatnonzero(sign != 0.0)

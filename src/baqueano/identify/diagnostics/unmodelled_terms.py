@@ -1,15 +1,15 @@
-"""Terms that models often lack: forces, delays and places of sensors, as columns for score_test.py.
+"""Compute terms that models often lack (forces, delays, sensor positions) as columns for score_test.py.
 
-A force that nobody modelled pushes the vehicle along an axis a with an acceleration ε φ(t),
+A force outside the model pushes the vehicle along an axis a with an acceleration ε φ(t),
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
 
-the derivatives of the vehicle's own step carried along with it, for all φ in one pass: unmodelled_forces.py. Delays,
-lags and clocks, an IMU elsewhere or turned on its mount, and what its low-pass does beside a delay, change the
-readings alone:
+The derivatives of the vehicle's own step are carried along, for all φ in one pass (unmodelled_forces.py). Delays, lags
+and clocks, an IMU at another place or turned on its mount, and the effect of its low-pass beside a delay, change only
+the readings:
 
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
-    D = −τ ḣ + τ² ḧ   (the IMU, where the delay of the commands is free)
+    D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
 """
 
 from collections.abc import Callable, Iterator
@@ -41,9 +41,9 @@ from baqueano.symbolic.scan import Scan
 
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
-AXES = (0, 2)  # of all pushes but the last of each, which goes sideways
+AXES = (0, 2)  # of all forces but the last one of each axis, which acts sideways
 
-LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # name of a probe, and what it asks
+LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # code of a term, and its description
 TermColumns: TypeAlias = tuple[
     list[LabelledTerm], np.ndarray
 ]  # and their columns D (K, N m) in standard deviations
@@ -57,7 +57,7 @@ class MotionState(NamedTuple):
 
 
 class PushedState(NamedTuple):
-    """State of the simulation with a push; it carries θ, because the slopes are by ε."""
+    """State of the simulation with a push. It contains θ, because the derivatives are with respect to ε."""
 
     vehicle: Tree
     signals: tuple[Signal, ...]
@@ -73,14 +73,14 @@ class Motions(NamedTuple):
 
 
 class Kernels(NamedTuple):
-    """One structure of vehicle and sensors, going and pushed."""
+    """Kernels of one structure of vehicle and sensors, without and with a push."""
 
     going: Tree
     pushed: Tree
 
 
 class FittedMotion(NamedTuple):
-    """The motion that a fit believes in, piece by piece."""
+    """The motion that a fit predicts, segment by segment."""
 
     kernels: Kernels
     starts: list[PushedState]
@@ -88,17 +88,17 @@ class FittedMotion(NamedTuple):
 
     @property
     def nu(self) -> np.ndarray:
-        """(N, 3) of all pieces."""
+        """Return ν (N, 3) of all segments."""
         return np.concatenate([m.nu for m in self.motions])
 
     @property
     def nu_dot(self) -> np.ndarray:
-        """(N, 3) of all pieces."""
+        """Return ν̇ (N, 3) of all segments."""
         return np.concatenate([m.nu_dot for m in self.motions])
 
 
 def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> FittedMotion | None:
-    """None for a model that cannot be pushed."""
+    """Return the motion that the fit predicts, or None for a model that cannot be pushed."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
     kernels = cached_kernel(blocks, problem.shape, problem.scan.backend, _trace)
@@ -114,13 +114,13 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
 def term_columns(
     blocks: FittedBlocks, problem: Residuals, now: FittedMotion
 ) -> Callable[[], list[TermColumns]]:
-    """Return a function that gives the columns of a fitted motion; their long part runs ahead on another core."""
+    """Return a function that computes the columns of a fitted motion; their slow part already runs on another core."""
     of_forces = _of_forces(blocks, problem, now)
     return lambda: [of_forces(), _of_readings(blocks, problem, now)]
 
 
 def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> TermColumns:
-    """(2)"""
+    """Return the terms that change only the readings.  (2)"""
     labels: list[LabelledTerm] = []
     columns = []
     for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
@@ -131,7 +131,7 @@ def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) ->
 
 
 def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], TermColumns]:
-    """(1)"""
+    """Return a function that computes the columns of the forces.  (1)"""
     channels = [driven(blocks.model, record.u) for record in problem.records]
     most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
     kernel, scale = now.kernels.pushed, np.where(most > 0.0, most, 1.0)
@@ -151,8 +151,8 @@ def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> C
     if len(channels) == 1:
         whole = ahead(partial(slopes, 0, rows_of(0)), rows=count)
     else:
-        pieces = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
-        whole = partial(np.concatenate, pieces)
+        segments = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
+        whole = partial(np.concatenate, segments)
     candidates = [force for axis in AXES for force in force_terms(axis, len(most))]
     some = [k for k, force in enumerate(candidates) if force.channel is None or most[force.channel] > 0.0]
 
@@ -168,7 +168,7 @@ def _words(force: Force) -> LabelledTerm:
 
 
 def _rows(record: FitRecord, *more: np.ndarray) -> np.ndarray:
-    """(N, q): dt, u, what is `more`, the battery's voltage if it is known."""
+    """Return rows (N, q): dt, u, the columns `more`, and the battery voltage if it is recorded."""
     volts = [record.sensors[VOLTAGE].z] if VOLTAGE in record.sensors else []
     return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
 
@@ -194,7 +194,7 @@ def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    """ε (K,) of all forces, axis by axis, the last of each sideways → what the sensors show, times 1/σ.  (1)"""
+    """Return the scan from ε (K,) of all forces, by axis, the last of each sideways, to the readings times 1/σ.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
     channels = driven(blocks.model, np.zeros((1, n))).shape[1]
     c, count = len(COMMANDED) * channels, len(force_terms(0, channels))
@@ -227,7 +227,7 @@ def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 def _readings(
     blocks: FittedBlocks, problem: Residuals, record: FitRecord, motions: Motions
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
-    """(2)"""
+    """Return code, message and column (N, m) of each term that changes only the readings.  (2)"""
     h = motions.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
     terms, at = [("delay", note("term.delay"), h_dot)], 0
@@ -252,7 +252,7 @@ def _readings(
 def _mount(
     name: str, h: np.ndarray, motions: Motions, span: slice
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
-    """An IMU elsewhere, turned, or with the other measurement model."""
+    """Return the terms of an IMU that is elsewhere, turned, or of the other measurement model."""
     x, y = span.start, span.start + 1
     w, w_dot = motions.nu[:, 2], motions.nu_dot[:, 2]
     out = []

@@ -1,1 +1,1 @@
-"""The search for the least cost."""
+"""Search for the parameters of least cost."""

@@ -1,4 +1,4 @@
-"""The search where the delay of the command is free.
+"""Search for the parameters of least cost if the delay of the command is free.
 
     d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ that of the start                               (1)
     d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ that of d_0                       (2)
@@ -7,10 +7,10 @@
     C(θ; u) − C(θ; steps · round(u / steps)) > CLEAR    at the θ that was fitted without them             (5)
 
 Without a lag of the motors the cost jumps at delays of whole ticks δ; with one, commands in even steps leave valleys on
-both sides of the deepest. Where (4) comes back to a whole tick from both sides, the least cost is at the tick. The
-search has then converged although its slope is not 0. The grid (1) is half a period of 20 Hz, the fastest command that
-a small vehicle follows; where a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2). A timer
-of 8 bits rounds a duty to 1/255, behind a dead zone more than the noise of a gyro: (5) finds its steps.
+both sides of the deepest. If (4) returns to a whole tick from both sides, the least cost is at the tick. The search has
+then converged although the derivative is not 0. The grid (1) is half a period of 20 Hz, the fastest command that a
+small vehicle follows. If a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2). A timer of
+8 bits rounds a duty to 1/255; behind a dead zone this exceeds the noise of a gyro, and (5) finds the steps.
 """
 
 from collections.abc import Callable
@@ -27,27 +27,26 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.vehicles.drivetrain import mix, quantised
 
 SCAN_S = 0.025
-PART = 1e-2  # of the least cost: what (1) leaves to be gained at the other delays of its grid
+PART = 1e-2  # of the least cost: tolerance of the searches at the other delays of the grid (1)
 FINE = 0.25  # of a tick: the deepest valley is wider on both sides, however large the dead zone
-MOST = 6  # ticks that (2) looks into
-MOST_EACH = 8  # evaluations at one delay: the next begins where they end
-INSIDE = 1e-6  # of a tick, from whole ones: where the slope is one-sided
-STEPS = 6  # ticks that (4) may walk
+MOST = 6  # ticks that (2) searches
+MOST_EACH = 8  # evaluations at one delay: the next delay begins where they end
+INSIDE = 1e-6  # of a tick: least distance from a whole tick, where the derivative is one-sided
+STEPS = 6  # ticks by which (4) may move
 PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 CLEAR = 25.0
 
 
 def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
-    """The best search from `begin` (p,), and the task in whose bounds it is smooth: `task` itself where no delay
-    is free."""
+    """Return the task in whose bounds the search is smooth (`task` without a free delay), and the best search."""
     shared_names = task.problem.shape.shared
     if DELAY not in shared_names:
         return task, best_search(task, begin)
     i = shared_names.index(DELAY)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
     signal, count = task.problem.signal(), 0
-    # where the first leaves doubts, the second begins again from other ends
+    # if the first is not sound, the second begins again from other starts
     for first in (_roughly, best_search):
         end, scan_count = _scan(task, begin, i, max(SCAN_S, tick_s), first)
         end, approach_count = _closer(task, end, i, max(SCAN_S, tick_s), tick_s)
@@ -59,7 +58,7 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
 
 
 def bounds_of(task: Task, end: Search) -> Search:
-    """`end` with those at their bounds in the eyes of `task`, not of a tick."""
+    """Return `end` with the entries that are at a bound of `task`, not at that of a tick."""
     theta, near = end.solution.theta, 1e-3 * (task.high - task.low)
     near = np.where(np.isfinite(near), np.minimum(near, 1e-6), 0.0)
     bound = np.where(theta <= task.low + near, -1, np.where(theta >= task.high - near, 1, 0))
@@ -69,7 +68,8 @@ def bounds_of(task: Task, end: Search) -> Search:
 def _scan(
     task: Task, begin: np.ndarray, i: int, step_s: float, search_first: Callable[..., Search]
 ) -> tuple[Search, int]:
-    """The best of the grid, each point begun where the one before ended.  (1)"""
+    """Return the best search of the grid, and the evaluations. Each point starts at the end of the previous one.
+    (1)"""
     low, high = float(task.low[i]), float(task.high[i])
     grid = np.linspace(low, high, max(2, 1 + int(np.ceil((high - low) / step_s - 1e-9))))
     first = int(np.argmin(np.abs(grid - begin[i])))
@@ -90,7 +90,8 @@ def _scan(
 
 
 def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
-    """`end` with θ at the best of a finer grid, a step of the first one to both sides.  (2)"""
+    """Return `end` with θ at the best of a finer grid, one step of the first to both sides, and the evaluations.
+    (2)"""
     total, best = 0, end
     while 2.0 * step_s > MOST * tick_s and not best.stopped:
         step_s, middle = 0.5 * step_s, best
@@ -118,7 +119,7 @@ def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tu
 
 
 def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: float) -> tuple[Solution, int]:
-    """The better end of the ticks, one or two, within `fine_s` of where `near` is.  (3)"""
+    """Return the better end of the one or two ticks within `fine_s` of `near`, and the evaluations.  (3)"""
     best, total = near, 0
     for side in (-fine_s, fine_s):
         begin = float(near.theta[i]) + 0.5 * side
@@ -133,12 +134,12 @@ def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: fl
 
 
 def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float, least: float = ROUGH) -> Solution:
-    """The least cost with this delay by the σ of now, until no more than `least` is to be gained."""
+    """Return the least cost at this delay with the present σ, to a tolerance of `least` on the decrement."""
     return _fit(task, _with_value(theta, i, delay_s), np.arange(len(theta)) == i, least)
 
 
 def _least(end: Solution) -> float:
-    """The cost where the search would end, by the parabola through where it is."""
+    """Return the expected final cost of the search, by a parabola through its end."""
     return end.at.cost - 0.5 * end.decrement
 
 
@@ -150,7 +151,7 @@ def _fit(task: Task, theta: np.ndarray, is_fixed: np.ndarray | None, least: floa
 
 
 def _fixed_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
-    """The search from where `near` ended, with this delay."""
+    """Return the search with this delay, from the end of `near`."""
     is_fixed = np.arange(len(task.first)) == i
     return search(task, _with_value(near.solution.theta, i, delay_s), is_fixed, near, rough=True)
 
@@ -161,7 +162,8 @@ def _better(task: Task, first: Search, second: Search) -> Search:
 
 
 def _walk(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
-    """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (4)"""
+    """Move tick by tick to the tick with the least cost, and return its task, search and evaluations. At a kink,
+    take the side with the larger error.  (4)"""
     k, total, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
     while True:
         inside = _inside(task, i, k, tick_s)
@@ -179,14 +181,14 @@ def _walk(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Sea
 
 
 def _width(end: Search, i: int) -> float:
-    """The variance of entry i, all others known; of a model that ran away none is larger."""
+    """Return the variance of entry i with all others known, or infinity without information."""
     info = information(end.problem, end.solution.theta)
     bread = float(info.bread[i, i])
     return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
 
 
 def _inside(task: Task, i: int, k: int, tick_s: float) -> Task:
-    """The task with the delay in tick k."""
+    """Return the task with the delay bounded to tick k."""
     return _with_bounds(task, i, (k + INSIDE) * tick_s, (k + 1 - INSIDE) * tick_s)
 
 
@@ -207,7 +209,7 @@ def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
 
 
 def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
-    """Return how many steps the duties seem to have; None if none are seen, or the file tells.  (5)"""
+    """Return the number of steps of the duties, or None if none are visible or the file contains them.  (5)"""
     drivetrain: Tree = getattr(blocks.model, "drivetrain", None)
     n = blocks.model.commands
     if getattr(drivetrain, "mixing", "none") != "two_wheels" or drivetrain.duty_step > 0.0:

@@ -1,16 +1,16 @@
-"""Damped Gauss-Newton with bounds, on normal equations that somebody else sums.
+"""Minimise a robust cost by damped Gauss-Newton with bounds, on normal equations that the caller sums.
 
     (H + λ D) s = −o g,   D the largest diagonal of H so far,   o = 1 + 0.17/(1 + 10³ λ)                  (1)
     ϱ = (C(θ) − C(θ + s)) / (−gᵀs − ½ sᵀHs),   accepted if ϱ > 0                                           (2)
     λ ← λ max(1/9, 1 − (2ϱ − 1)³)  if accepted, else  λ ← λ n, n ← 2n                                      (3)
     done when the decrement gᵀH⁻¹g < tolerance, in standard deviations squared                            (4)
-    C(θ − h sign(g_i) e_i) > C(θ)   although g_i says that it falls, h = 10⁻³ standard deviations          (5)
+    C(θ − h sign(g_i) e_i) > C(θ)   although g_i predicts a fall, h = 10⁻³ standard deviations             (5)
 
-C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w. H lies above the cost, so that an undamped
-step falls short by E ψ' / E w = 1/1.17 on normal noise, which o makes up for. A parameter whose cost rises both ways
-(5) is at a kink of a delay or a dead zone. It stays there, and the others go on without it; it is asked where hardly
-anything gains and (4) is not met. An entry at its bound that would leave is taken out of (1); a step that crosses
-bounds is solved again with those entries on them. H of many pieces is an arrow (block_arrow.py). Sources: Marquardt
+C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w. H overestimates the curvature, so an
+undamped step is too short by E ψ' / E w = 1/1.17 on normal noise; o corrects this. A parameter whose cost rises both
+ways (5) is at a kink of a delay or a dead zone. It stays there, and the search continues without it. (5) is tested if
+steps no longer gain and (4) is not met. An entry at its bound that would leave is taken out of (1); a step that crosses
+bounds is solved again with those entries on them. H of many segments is an arrow (block_arrow.py). Sources: Marquardt
 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 
@@ -24,11 +24,11 @@ from baqueano.identify.residuals.block_arrow import BlockArrow, Evaluation, dens
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
 MOST = 80  # evaluations
 SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
-OVER = 0.17  # by which an undamped step is lengthened
+OVER = 0.17  # relative lengthening of an undamped step
 DAMPING = 1e-2  # λ at the start
 STALLED = 1e-2  # decrement below which a search that no longer improves counts as converged
-STUCK = 1e4  # λ above which steps are so small that something is in their way
-STEEP, NEAR = 1e-2, 1e-3  # standard deviations: of a slope that is asked, and the step that asks it
+STUCK = 1e4  # λ above which the search is stuck
+STEEP, NEAR = 1e-2, 1e-3  # standard deviations: least slope for test (5), and its step h
 
 
 class Solution(NamedTuple):
@@ -37,16 +37,16 @@ class Solution(NamedTuple):
     theta: np.ndarray  # (p,)
     at: Evaluation
     converged: bool
-    decrement: float  # what is left of (4)
+    decrement: float  # (4)
     evaluations: int
     bound: np.ndarray  # (p,) −1 at the low bound, 1 at the high one, 0 inside
 
 
 class Minimiser(Protocol):
-    """A solver of one's own: the θ (p,) of least cost between `low` and `high` (p,), from `theta` (p,).
+    """Interface of a custom solver: it returns the θ (p,) of least cost between `low` and `high` (p,), from `theta`.
 
-    `fixed` (p,) bool marks entries that do not move. It may stop where less than `tolerance` (4) is left to gain, or
-    after `most` evaluations; `damping` says how near the start is: 1e-2 far, 1e-6 near. `solution_at` makes the answer.
+    `fixed` (p,) bool marks entries that do not move. The solver may stop at a decrement (4) below `tolerance`, or after
+    `most` evaluations. `damping` depends on the start: 1e-2 far, 1e-6 near. `solution_at` makes the result.
     """
 
     def __call__(
@@ -58,25 +58,25 @@ class Minimiser(Protocol):
 def solution_at(
     theta: np.ndarray, at: Evaluation, low: np.ndarray, high: np.ndarray, *, converged: bool, evaluations: int
 ) -> Solution:
-    """Return the end of a search by a solver of one's own.
+    """Return the end of a search by a custom solver.
 
     Parameters
     ----------
     theta : ndarray (p,)
-        Where it ended.
+        End of the search.
     at : Evaluation
         Cost, gradient and Hessian there.
     low, high : ndarray (p,)
         Bounds.
     converged : bool
-        Nothing is left to gain.
+        True if no more gain is possible.
     evaluations : int
         Calls of `evaluate`.
 
     Returns
     -------
     Solution
-        With the entries at a bound, and the decrement (4).
+        The end, with the entries at a bound and the decrement (4).
 
     Notes
     -----
@@ -107,8 +107,8 @@ def minimise(
     damping: float = DAMPING,
     at: Evaluation | None = None,
 ) -> Solution:
-    """The θ (p,) of least cost between `low` and `high` (p,); `fixed` (p,) marks entries that do not move;
-    `at` is the evaluation at the start, where it is known already."""
+    """Return the θ (p,) of least cost between `low` and `high` (p,). `fixed` (p,) marks entries that do not move;
+    `at` is the evaluation at the start if known."""
     theta = _clip(theta, low, high)
     may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
     current = evaluate(theta) if at is None else at
@@ -169,7 +169,7 @@ def _at_kinks(
 
 
 def _finite(at: Evaluation) -> bool:
-    """Return False where the model diverges: a robust cost may be finite where its slopes are not."""
+    """Return False if the model diverges: a robust cost may be finite although its derivatives are not."""
     H = at.hessian
     return bool(np.isfinite(at.cost) and (H.finite if isinstance(H, BlockArrow) else np.isfinite(H).all()))
 
@@ -179,12 +179,12 @@ def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Entries (p,) on a bound that would cross it."""
+    """Return a mask (p,) of the entries on a bound that would cross it."""
     return ((theta <= low) & (gradient >= 0.0)) | ((theta >= high) & (gradient <= 0.0))
 
 
 def _decrement(current: Evaluation, scale: np.ndarray, movable: np.ndarray) -> float:
-    """gᵀH⁻¹g over the entries that may move.  (4)"""
+    """Return gᵀH⁻¹g over the entries that may move.  (4)"""
     index = np.flatnonzero(movable)
     if not len(index):
         return 0.0
@@ -195,7 +195,7 @@ def _decrement(current: Evaluation, scale: np.ndarray, movable: np.ndarray) -> f
 def _step(
     hessian: np.ndarray | BlockArrow, damping: float, scale: np.ndarray, index: np.ndarray, g: np.ndarray
 ) -> np.ndarray:
-    """(H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1; λ is at least RIDGE."""
+    """Return (H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1. λ is at least RIDGE."""
     damping = max(damping, RIDGE)
     if isinstance(hessian, BlockArrow):
         free, whole = np.zeros(len(scale), bool), np.zeros(len(scale))
@@ -218,7 +218,7 @@ def _bounded_step(
     low: np.ndarray,
     high: np.ndarray,
 ) -> np.ndarray:
-    """s (p,) of (1) that stays between the bounds."""
+    """Return the step s (p,) of (1), kept between the bounds."""
     s = np.zeros(len(theta))
     free = movable.copy()
     for _ in range(len(theta)):
@@ -238,5 +238,5 @@ def _bounded_step(
 
 
 def _bound(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(p,) −1, 0 or 1."""
+    """Return −1 (low bound), 0 (inside) or 1 (high bound) for each entry (p,)."""
     return np.where(theta <= low, -1, np.where(theta >= high, 1, 0))

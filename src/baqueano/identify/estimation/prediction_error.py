@@ -1,4 +1,4 @@
-"""The second cost of a fit: how likely the innovations of a filter are, its noise fitted along.
+"""Evaluate the second cost of a fit: the likelihood of the innovations of a filter, whose noise is fitted too.
 
     J(x) = Σ ρ(e) + ½ β log s,   x = (θ, v, ½ log q),   ρ(e) = ½ K² atan(e²/K²),   ψ = ρ' = e/(1 + (e/K)⁴)  (1)
     ∂J = Σ ψ ∂e + ½ β ∂log s,      H = Σ w ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ                                     (2)
@@ -6,9 +6,10 @@
     2 (J(v = 0) − J)/τ  ~  at most χ² with as many degrees as v has axes,   τ = E ψ²/E ψ'                  (4)
 
 over all measurements, e and s of innovations.py. Without K and with β = 1 this is the likelihood of Gauss; β = E ψ e
-puts the least of J where v and q are the variances of normal noise. A floor makes the error of a simulation a walk; the
-filter forgets at the pace of v, and its e are white, so that scores U_t tick by tick are a martingale's (3). H is the
-Fisher information. v = 0 is the cost of the simulation: the two are nested (4), at most because v = 0 is on the border.
+puts the minimum of J where v and q are the variances of normal noise. A floor makes the error of a simulation a random
+walk. The filter forgets at the rate of v, and its e are white, so that the scores U_t of the ticks form a martingale
+(3). H is the Fisher information. v = 0 is the cost of the simulation: the models are nested (4), and "at most" is
+because v = 0 is on the boundary.
 Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987. docs/derivations/one_likelihood.md
 """
 
@@ -19,10 +20,10 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from baqueano.identify.covariance.information import (
-    COLOUR,
+    WHITE_LIMIT,
     Information,
-    autocorrelation,
-    coloured_scores,
+    autocorrelated_scores,
+    autocorrelation_sums,
     covariance_of,
 )
 from baqueano.identify.data.record import FittedBlocks
@@ -40,7 +41,7 @@ BETA = 0.8797543464799179  # E ψ e of a normal e
 TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
 WIDEST = 7.0  # of ½ log q: e⁷ is a thousand times the noise
 TOLERANCE = 1e-7  # decrement at the end
-MOST, PATIENCE = 60, 15  # evaluations, in all and between two words on how far it is
+MOST, PATIENCE = 60, 15  # evaluations, in all and between two progress messages
 R = TypeVar("R")
 
 
@@ -52,41 +53,41 @@ class FloorNoise(NamedTuple):
 
     @property
     def vector(self) -> np.ndarray:
-        """(k + m,)."""
+        """Return v and ½ log q as one vector (k + m,)."""
         return np.concatenate([self.floor, self.sensors])
 
 
 class MaximumLikelihood(NamedTuple):
-    """The most likely x, and what it is worth."""
+    """The x of maximum likelihood, with its information and the ratio (4)."""
 
     solution: Solution  # in x
     theta: np.ndarray  # (p,)
     noise: FloorNoise
     floor_sd: np.ndarray  # (k,) standard errors of v
-    info: Information  # by x
-    ratio: float  # (4): how much likelier than a still floor
+    info: Information  # about x
+    ratio: float  # (4): likelihood ratio to v = 0
     evaluations: int
 
     @property
     def chance(self) -> float:
-        """At most: of a ratio as large as this with a still floor."""
+        """Return an upper limit of the probability of such a ratio (4) if v = 0."""
         return tail(self.ratio, len(self.noise.floor))
 
 
 class Slopes(NamedTuple):
-    """Innovations of one segment and their slopes by x, measurement by measurement."""
+    """Innovations of one segment and their derivatives with respect to x, measurement by measurement."""
 
-    e: np.ndarray  # (N, m), 0 where there is no measurement
+    e: np.ndarray  # (N, m), 0 without a measurement
     log_s: np.ndarray  # (N, m)
-    e_slopes: np.ndarray  # (N, m, p_piece) ∂e
-    s_slopes: np.ndarray  # (N, m, p_piece) ∂log s
-    places: np.ndarray  # (p_piece,) where these entries stand in x
+    e_slopes: np.ndarray  # (N, m, p_segment) ∂e
+    s_slopes: np.ndarray  # (N, m, p_segment) ∂log s
+    places: np.ndarray  # (p_segment,) positions of these entries in x
 
 
 class Prediction:
-    """The innovations of the runs of a `Residuals`, as a function of x = (θ, v, ½ log q).
+    """Innovations of the runs of a `Residuals`, as a function of x = (θ, v, ½ log q).
 
-    θ, rows and σ are those of `simulation`, weighed as it is.
+    θ, rows and σ are those of `simulation`, with its weights.
     """
 
     def __init__(self, simulation: Residuals, blocks: FittedBlocks) -> None:
@@ -95,17 +96,17 @@ class Prediction:
         self.kernel = cached_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
 
     def x(self, theta: np.ndarray, noise: FloorNoise | None = None) -> np.ndarray:
-        """(θ, v, ½ log q); without noise a still floor and the σ of the simulation."""
+        """Return x = (θ, v, ½ log q); without `noise`, v = 0 and the σ of the simulation."""
         noise = noise or FloorNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
         return np.concatenate([theta, noise.vector])
 
     def parts(self, x: np.ndarray) -> tuple[np.ndarray, FloorNoise]:
-        """θ (p,) and the noise."""
+        """Return θ (p,) and the noise of x."""
         floor, sensors = np.split(x[self.size :], [len(self.axes)])
         return x[: self.size], FloorNoise(floor, sensors)
 
     def evaluate(self, x: np.ndarray) -> Evaluation:
-        """J, its gradient and its curvature by x.  (1), (2)"""
+        """Return J, its gradient and its Hessian with respect to x.  (1), (2)"""
         cost, g = 0.0, np.zeros(len(x))
         H = diagonal_matrix(g, places_of(self.simulation.layout, len(x) - self.size))
         parts, places = self._each(x, _normal), self._places()
@@ -116,15 +117,15 @@ class Prediction:
         return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:
-        """Per piece e (N, m), 0 without a measurement."""
+        """Return for each segment e (N, m), 0 without a measurement."""
         return self._each(x, lambda slopes: slopes.e)
 
     def slopes(self, x: np.ndarray) -> list[Slopes]:
-        """Return what each piece says of x."""
+        """Return for each segment the innovations and their derivatives."""
         return self._each(x, lambda slopes: slopes)
 
     def _each(self, x: np.ndarray, part: Callable[[Slopes], R]) -> list[R]:
-        """`part` of the slopes of each piece."""
+        """Return `part` of the derivatives of each segment, computed on all cores."""
 
         def of_piece(rows: np.ndarray, places: np.ndarray) -> R:
             return part(self._slopes(rows, x, places))
@@ -134,7 +135,7 @@ class Prediction:
         return each(of_piece, rows, self._places(), rows=worth)
 
     def _places(self) -> list[np.ndarray]:
-        """Per piece where its θ, and the noise, stand in x."""
+        """Return for each segment the positions of its θ and of the noise in x."""
         noise = self.size + np.arange(len(self.axes) + self.channels)
         return [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
 
@@ -144,25 +145,27 @@ class Prediction:
         return Slopes(out[:, :m], out[:, m:], d[:, :m], d[:, m:], places)
 
     def information(self, x: np.ndarray) -> Information:
-        """A and B by x.  (3)"""
+        """Return A and B with respect to x.  (3)"""
         A, B = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
         channels = np.zeros((self.channels, len(x)))
         has, records = self.simulation.has, self.simulation.records
-        colour = autocorrelation(self.innovations(x), has)
-        has_colour = bool(np.any(np.abs(colour) > COLOUR))
-        pieces = zip(self.simulation.rows, self._places(), has, records, strict=True)
-        for rows, places, presence, record in pieces:
+        autocorrelation = autocorrelation_sums(self.innovations(x), has)
+        is_autocorrelated = bool(np.any(np.abs(autocorrelation) > WHITE_LIMIT))
+        segments = zip(self.simulation.rows, self._places(), has, records, strict=True)
+        for rows, places, presence, record in segments:
             slopes = self._slopes(rows, x, places)
             at, psi = np.ix_(slopes.places, slopes.places), weight(slopes.e) * slopes.e
             A[at] += _square(slope(slopes.e), slopes.e_slopes) + _square(0.25 * BETA, slopes.s_slopes)
             channels[:, slopes.places] += np.einsum("tmp,tmp->mp", slopes.e_slopes, slopes.e_slopes)
-            if has_colour:
-                B[at] += coloured_scores(psi, presence, slopes.e_slopes, record.dt_s)
+            if is_autocorrelated:
+                B[at] += autocorrelated_scores(psi, presence, slopes.e_slopes, record.dt_s)
                 B[at] += _square(0.25 * (BETA - psi * slopes.e) ** 2, slopes.s_slopes)
             else:
                 U = np.einsum("tm,tmp->tp", psi, slopes.e_slopes) + 0.5 * BETA * slopes.s_slopes.sum(axis=1)
                 B[at] += U.T @ U
-        return Information(A, B, channels, has_colour, colour, int(sum(presence.sum() for presence in has)))
+        return Information(
+            A, B, channels, is_autocorrelated, autocorrelation, int(sum(presence.sum() for presence in has))
+        )
 
 
 def most_likely(
@@ -174,10 +177,11 @@ def most_likely(
     least: np.ndarray | None = None,
     say: Callable[[str], object] | None = None,
 ) -> MaximumLikelihood:
-    """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `fixed` (p,).
+    """Return the x of maximum likelihood from the simulation's `theta` (p,), between its bounds.
 
-    No sensor's noise is taken for less than `least` (m,), what its converter and its numbers allow.
-    First over a still floor, then over one that moves. `say` is told how far it is; True from it ends a search.
+    `fixed` (p,) marks entries that stay. σ of a sensor is at least `least` (m,), given by its converter and its
+    numbers. The first search has v = 0, the second one a free v. `say` receives the progress; True from it ends a
+    search.
     """
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
     quiet = np.zeros(m) if least is None else least / prediction.simulation.sigma
@@ -201,7 +205,7 @@ def most_likely(
 
 
 def tail(ratio: float, degrees: int) -> float:
-    """Of χ² with 1, 2 or 3 degrees, the part beyond `ratio`."""
+    """Return the probability that χ² with 1, 2 or 3 degrees of freedom exceeds `ratio`."""
     half = max(ratio, 0.0) / 2.0
     if degrees == 2:
         return exp(-half)
@@ -218,7 +222,7 @@ def _search(
     damping: float,
     say: Callable[[str], object] | None,
 ) -> Solution:
-    """The least of J from `x`; `say` is told how far it is, and True from it ends the search."""
+    """Return the minimum of J from `x`. `say` receives the progress; True from it ends the search."""
     count, at = 0, None
     while True:
         solution = minimise(
@@ -239,36 +243,36 @@ def _search(
 
 
 def _normal(slopes: Slopes) -> Evaluation:
-    """J of a piece.  (1), (2)"""
-    with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away
+    """Return J of one segment, with its gradient and Hessian.  (1), (2)"""
+    with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
         cost, w = float(np.sum(rho(slopes.e)) + 0.5 * BETA * np.sum(slopes.log_s)), weight(slopes.e)
     g = _along(w * slopes.e, slopes.e_slopes) + _along(0.5 * BETA, slopes.s_slopes)
     return Evaluation(cost, g, _square(w, slopes.e_slopes) + _square(0.25 * BETA, slopes.s_slopes))
 
 
 def rho(e: np.ndarray) -> np.ndarray:
-    """ρ of (1)."""
+    """Return ρ of the innovations e.  (1)"""
     return 0.5 * FAR**2 * np.arctan((e / FAR) ** 2)
 
 
 def weight(e: np.ndarray) -> np.ndarray:
-    """w = ψ/e."""
+    """Return the weight w = ψ/e of the innovations e."""
     return 1.0 / (1.0 + (e / FAR) ** 4)
 
 
 def slope(e: np.ndarray) -> np.ndarray:
-    """ψ'."""
+    """Return the derivative ψ' at the innovations e."""
     w = weight(e)
     return w * (4.0 * w - 3.0)
 
 
 def _along(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
-    """Σ f ∂ (p,) of slopes (N, m, p)."""
+    """Return Σ f ∂ (p,) for derivatives (N, m, p) and factors f."""
     flat = slopes.reshape(-1, slopes.shape[-1])
     return np.broadcast_to(factors, slopes.shape[:-1]).ravel() @ flat
 
 
 def _square(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
-    """Σ f ∂ ∂ᵀ (p, p) of slopes (N, m, p)."""
+    """Return Σ f ∂ ∂ᵀ (p, p) for derivatives (N, m, p) and factors f."""
     flat = slopes.reshape(-1, slopes.shape[-1])
     return (np.broadcast_to(factors, slopes.shape[:-1]).reshape(-1, 1) * flat).T @ flat

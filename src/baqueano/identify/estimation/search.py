@@ -1,11 +1,11 @@
-"""The search for the least cost while the noise itself is being found.
+"""Search for the parameters of least cost while the noise itself is estimated.
 
     σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
 
-It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic. It ends with that of
-the noise. Where what is left is autocorrelated and large, or the search got stuck, it begins again until two ends
-agree. Each start is a vehicle whose motors are without force, with less and with more friction; the best of all is
-taken.
+The search begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic. It ends with
+that of the noise. If the residuals are autocorrelated and large, or the search got stuck, it begins again until two
+searches end at the same place. The new starts are vehicles without motor force, with less and with more friction; the
+best end is taken.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.information import COLOUR, autocorrelation
+from baqueano.identify.covariance.information import WHITE_LIMIT, autocorrelation_sums
 from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
 from baqueano.identify.residuals.noise_level import spread, telling
 from baqueano.identify.residuals.simulation import Residuals
@@ -25,10 +25,10 @@ NEAR = 0.2  # relative change below which the next round is run to its end
 ROUGH, FINE = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
 PATIENCE = 20  # evaluations while σ is still moving
 GAINS = ("actuator_matrix", "velocity_matrix", "throttle_gain")
-LACKING = 0.14  # of a channel's own spread: autocorrelated residuals above it are a doubt
-SAME = 1e-3  # of the logarithm of σ: ends that are no further apart are one
-TWICE = 0.7  # of the logarithm of σ: a rough end that leaves so much more is not gone on with
-AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, where the search begins again without force
+LACKING = 0.14  # of a channel's own spread: with larger autocorrelated residuals a search is not sound
+SAME = 1e-3  # of the logarithm of σ: closer ends count as the same
+TWICE = 0.7  # of the logarithm of σ: a rough end that is worse by more is dropped
+AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, if the search begins again without force
 
 
 class Task(NamedTuple):
@@ -39,28 +39,28 @@ class Task(NamedTuple):
     low: np.ndarray  # (p,)
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
-    fixed_sigma: np.ndarray | None  # (m,) σ, where it is known
-    by_speed: bool = False  # whether the noise may grow with speed: noise_level.py
-    say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
+    fixed_sigma: np.ndarray | None  # (m,) σ, if it is known
+    by_speed: bool = False  # True if the noise may grow with speed: noise_level.py
+    say: Callable[[str], object] | None = None  # receives the progress; True from it ends the search
     prior_sigma: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
-    again: bool = True  # whether a search that leaves doubts is begun again: not of data that are refused
+    again: bool = True  # True if a search that is not sound begins again; False for refused data
     minimise: Minimiser = minimise  # finds the least cost of one σ
 
 
 class Search(NamedTuple):
     """Result of a search."""
 
-    problem: Residuals  # weighed by the noise that was found
+    problem: Residuals  # weighted with the estimated noise
     solution: Solution
     sigma: np.ndarray  # (m,)
-    colour: np.ndarray  # (m,) `autocorrelation` of the residuals
+    autocorrelation: np.ndarray  # (m,) `autocorrelation` of the residuals
     evaluations: int
-    profile: list[np.ndarray] | None = None  # per piece (N, m), of mean square 1: σ where it is not the same
+    profile: list[np.ndarray] | None = None  # per segment (N, m), of mean square 1: relative σ if it varies
     stopped: bool = False  # from outside: not converged if there was more to do
 
     def sound(self, signal: np.ndarray) -> bool:
-        """Return True where the search needs no other start, in channels of size `signal` (m,)."""
-        lacking = (np.abs(self.colour) > COLOUR) & (self.sigma > LACKING * signal)
+        """Return True if the search needs no other start, with channels of standard deviation `signal` (m,)."""
+        lacking = (np.abs(self.autocorrelation) > WHITE_LIMIT) & (self.sigma > LACKING * signal)
         return self.solution.converged and not lacking.any()
 
     def badness(self, counts: np.ndarray) -> float:
@@ -70,7 +70,7 @@ class Search(NamedTuple):
 
 
 def best_search(task: Task, begin: np.ndarray) -> Search:
-    """The search from `begin` (p,) and, where that leaves doubts, the best of it and others."""
+    """Return the search from `begin` (p,) or, if that is not sound, the best of several."""
     best = search(task, begin)
     signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     gains = np.array(
@@ -89,7 +89,7 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
         evaluations = best.evaluations + second.evaluations
         best = (second if gain > SAME else best)._replace(evaluations=evaluations, stopped=second.stopped)
         if abs(gain) <= SAME:
-            break  # two searches came to the same end
+            break  # two searches ended at the same place
     return best
 
 
@@ -100,9 +100,9 @@ def search(
     before: Search | None = None,
     rough: bool = False,
 ) -> Search:
-    """One search from `theta` (p,), with what is `fixed` (p,) and the σ of the one before, if any.  (1)
+    """Return one search from `theta` (p,), with the entries `fixed` (p,) held and the σ of the search `before`.  (1)
 
-    `rough`: only until σ moves little.
+    `rough` ends the search when σ changes little.
     """
     problem, sigma_fixed = task.problem, task.fixed_sigma is not None
     damping = 1e-2 if before is None else 1e-6
@@ -143,13 +143,13 @@ def search(
             solution = solution._replace(converged=False)
             break
         sigma, near, turn = now, change < NEAR, turn + 1
-    colour = autocorrelation(problem.residuals(solution.theta), problem.has)
-    return Search(problem, solution, problem.sigma, colour, count, profile, reason)
+    autocorrelation = autocorrelation_sums(problem.residuals(solution.theta), problem.has)
+    return Search(problem, solution, problem.sigma, autocorrelation, count, profile, reason)
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
-    """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
-    away."""
+    """Return σ (m,) of the residuals at θ, and its profile (N, m) per segment or None. If the model diverges,
+    return that of the measurements."""
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
         sigma = spread(problem.z, problem.has, task.floor)

@@ -1,1 +1,1 @@
-"""Identifiable parameters, and advice on the others."""
+"""Identifiability of parameters, and advice on those that the data do not show."""

@@ -1,7 +1,7 @@
-"""Unobservable parameters (identifiability/identifiable.py) in words, and the motion that would show them,
-as the fields of the blocks say it (parameter.py).
+"""Describe unobservable parameters (identifiability/identifiable.py), and the motion that would show them.
 
-What the vehicle can never show is reported once; the run is not at fault.
+The texts come from the fields of the blocks (parameter.py). An effect that the vehicle can never show is reported once;
+the run is not at fault.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ WARNING = Severity.WARNING
 
 
 def weakly(one: Free, near: Sequence[Free]) -> Diagnostic:
-    """Return why a parameter has a large error, and what would help."""
+    """Return the reason for the large error of a parameter, and the motion that would reduce it."""
     if near:
         names = _names(near)
         return note(
@@ -32,7 +32,7 @@ def weakly(one: Free, near: Sequence[Free]) -> Diagnostic:
 
 
 def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = ()) -> Diagnostic:
-    """Return why a parameter is held `at` its value, and what would help."""
+    """Return the reason why a parameter is held at the value `at`, and the motion that would show it."""
     if ties:
         return note(
             "identifiability.tied",
@@ -58,7 +58,7 @@ def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free
 
 
 def missing_command(some: Sequence[Free], command: str, never: bool) -> Diagnostic:
-    """Return why a column of T or V is not known."""
+    """Return the reason why a column of T or V is unknown."""
     names = _names(some)
     if never and command == "u_y":
         return note("identifiability.never-sideways", subject=some[0].path, names=names)
@@ -67,12 +67,12 @@ def missing_command(some: Sequence[Free], command: str, never: bool) -> Diagnost
 
 
 def _names(some: Sequence[Free]) -> str:
-    """Return the names, MOST at most."""
+    """Return the short names, at most MOST."""
     return ", ".join([parameter.short for parameter in some[:MOST]] + ["…"] * (len(some) > MOST))
 
 
 def _motion_note(some: Sequence[Free]) -> Diagnostic | str:
-    """Return what the vehicle did, that it does not tell these from each other."""
+    """Return the limited motion of the vehicle because of which these parameters cannot be separated, or ""."""
     axes = {parameter.axis for parameter in some if parameter.axis is not None}
     if axes == {1}:
         return note("identifiability.hardly-sideways")
@@ -95,7 +95,7 @@ def _by_hand(parameter: Free) -> Diagnostic:
 
 
 def _separation(some: Sequence[Free]) -> Diagnostic | str:
-    """Return the motions that tell them from each other, two at most."""
+    """Return up to two motions that separate these parameters, or ""."""
     motions = [*dict.fromkeys(parameter.shown_by for parameter in some if parameter.shown_by)][:2]
     if len(motions) == 2:
         return note("identifiability.apart-by-two", first=motions[0], second=motions[1])

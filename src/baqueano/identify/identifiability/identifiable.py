@@ -1,15 +1,15 @@
-"""Identifiable parameters by the information matrix, and the search again with the others fixed.
+"""Find the identifiable parameters by the information matrix, and repeat the search with the others fixed.
 
     C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
     s_i  = √((E_c − 30) / A_ii^c)                the change of θ_i that is as large as a signal itself    (2)
 
-A_ii^c is the information of the channel c that has most of it on θ_i; E_c is the energy of the model's signal there.
-Both are in standard deviations of the noise; 30 is what a fit to noise alone may have. A direction v with C v ≈ 0 moves
-no measurement: one of its parameters is held, by preference one that scale or tape can measure, of two starts the one
-that the data show less. Fixed is also what has an error above `BLIND` s_i, or half the span of its bounds. So is a
-scale known no better than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its value and
-`WEAK_SIGNAL` of (2) is weak. What it could be mistaken for: parameters with `LOADING` of the largest entry of the
-direction v_j of C that has most of its variance, Σ_j v_ij²/λ_j. In words: identifiability/advice.py.
+A_ii^c is the information of the channel c that has most of it on θ_i; E_c is the energy of the predicted signal there.
+Both are in standard deviations of the noise; 30 is what a fit to noise only may have. A direction v with C v ≈ 0 moves
+no measurement: one of its parameters is held, preferably one that scale or tape can measure, of two starts the one with
+less information. Parameters with an error above `BLIND` s_i, or half the span of their bounds, are fixed too. So is a
+scale with an error above that of its data sheet, `TOLERANCE`. A parameter with an error above `WEAK_VALUE` of its value
+and `WEAK_SIGNAL` of (2) is weak. It may be confused with parameters that have `LOADING` of the largest entry in the
+direction v_j of C with most of its variance, Σ_j v_ij²/λ_j. The messages are in identifiability/advice.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,13 +30,13 @@ from baqueano.sensors.sampling import tells_pose
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-SINGULAR = 1e-9  # eigenvalue of C below which a direction is not seen
+SINGULAR = 1e-9  # of the largest eigenvalue of C, below which a direction is unobservable
 BLIND = 0.5
-NOISE_ENERGY = 30.0  # that a model without any motion may take from the noise, 5 σ of one number
-TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale that a data sheet tells to ± 3 %, as that of an MPU-6050
+NOISE_ENERGY = 30.0  # energy that a model without motion may fit to the noise, 5 σ of one number
+TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale with ± 3 % in its data sheet, as that of an MPU-6050
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
-TOUCHED = 0.01  # the same, of one that ends the confusion where it is measured
+TOUCHED = 0.01  # least part of the largest entry, for a parameter that is fixed to resolve a direction
 LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
 
 
@@ -57,8 +57,11 @@ def identifiability_of(
     fixed: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Identifiability:
-    """Which entries of θ (p,) the data show, of which those `shared` are parameters of the vehicle, first; `fixed` (p,)
-    bool are out of the question already, `span` (p,) is how far apart their bounds are."""
+    """Return which entries of θ (p,) the data show.
+
+    The first entries are those of `shared`, the parameters of the vehicle. `fixed` (p,) bool marks entries that are
+    already fixed; `span` (p,) is the distance between the bounds.
+    """
     by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
     identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channels, energy)
@@ -97,7 +100,7 @@ def identifiability_of(
 
 
 def _like(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
-    """The other entries of the direction in which most of the variance of entry k lies."""
+    """Return the other entries of the direction in which most of the variance of entry k lies."""
     index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
@@ -107,7 +110,7 @@ def _like(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
 
 
 def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | None:
-    """v (p,) with C v ≈ 0 among the entries `identifiable`, or None.  (1)"""
+    """Return v (p,) with C v ≈ 0 among the entries `identifiable`, or None.  (1)"""
     index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
@@ -119,7 +122,7 @@ def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | N
 
 
 def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
-    """s (p,).  (2)"""
+    """Return s (p,), the change of each parameter that is as large as a signal.  (2)"""
     most = np.argmax(channels, axis=0)
     info = channels[most, np.arange(channels.shape[1])]
     return np.sqrt(np.maximum(energy[most] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))
@@ -128,10 +131,11 @@ def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
 def fix_unidentifiable(
     task: Task, end: Search, free: Sequence[Free]
 ) -> tuple[Search, Identifiability, Information]:
-    """The same search with all that the data do not show held where it was; `free` are the first entries of θ."""
+    """Return the search repeated with all unidentifiable entries of θ held at their start, their identifiability,
+    and the information. `free` are the first entries of θ."""
     problem = end.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
-    count = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
+    count = problem.size if whole else problem.layout.starts  # starts of segments are of no interest
     is_fixed, ties = np.zeros(count, bool), {}
     while True:
         problem, theta = end.problem, end.solution.theta
@@ -139,7 +143,7 @@ def fix_unidentifiable(
         if not whole:
             A, B = without_starts(info.bread, info.meat, problem.layout)
             info = info._replace(bread=A, meat=B, channels=info.channels[:, :count])
-        if task.prior_sigma is not None:  # a tape has no signal to compare with
+        if task.prior_sigma is not None:  # a hand measurement is without a signal to compare with
             info = info._replace(channels=info.channels * (task.prior_sigma == 0.0)[:, None])
         span = (task.high - task.low)[:count]
         span[[k for k, parameter in enumerate(free) if parameter.path == DELAY]] = np.inf
@@ -156,8 +160,10 @@ def fix_unidentifiable(
 
 
 def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
-    """(m,) of what the model says of each channel, in standard deviations of the noise, about its mean: that of all
-    rows, or of each piece where the piece has a number for itself that explains it."""
+    """Return the energy (m,) of the prediction of each channel about its mean, in standard deviations of the noise.
+
+    The mean is that of all rows, or of each segment if a parameter of the segment or run can explain it.
+    """
 
     def of(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
         h = (z * weight - r) * has
@@ -165,14 +171,14 @@ def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
 
     rows = sum(map(len, problem.z))
     sums = np.array(each(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows))
-    square, total, count = sums.transpose(1, 0, 2)  # (pieces, m) each
+    square, total, count = sums.transpose(1, 0, 2)  # (segments, m) each
     of_pieces = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
     of_all = np.sum(total, axis=0) ** 2 / np.maximum(np.sum(count, axis=0), 1.0)
     return np.sum(square, axis=0) - np.where(one_mean(problem), of_all, of_pieces)
 
 
 def one_mean(problem: Residuals) -> np.ndarray:
-    """(m,) True for channels whose mean no piece explains for itself: by a start, a bias, or where it is."""
+    """Return a mask (m,), True for channels whose mean is not explained by a start, a bias, or a position."""
     by_run = {name.split(".")[1] for name in problem.shape.by_run}
     sensors = problem._blocks.sensors._asdict()
     mean_of_run = [
@@ -182,33 +188,33 @@ def one_mean(problem: Residuals) -> np.ndarray:
 
 
 class FinishedFit(NamedTuple):
-    """All that is known at the end."""
+    """State of a fit after the search."""
 
     file: "VehicleFile"
     blocks: FittedBlocks
     task: Task
-    requested: list[Free]  # (p,) all parameters that were asked for
+    requested: list[Free]  # (p,) all requested parameters
     frozen: list[int]  # those whose command never moved; they are not in θ
     search: Search
     identifiability: Identifiability
     info: Information
-    note: Diagnostic | None = None  # what was done before the search
+    note: Diagnostic | None = None  # on changes before the search
     doubts: tuple[Diagnostic, ...] = ()  # about the data
-    ask: bool = True  # what is not in the model
-    floor: bool = False  # whether one that moves explains what a simulation leaves
-    filtered: bool = False  # whether θ is that of the innovations
-    systematic: np.ndarray | None = None  # (p, p) covariance of θ by what was held where it was measured
+    ask: bool = True  # True to test for effects that the model lacks
+    floor: bool = False  # True if process noise explains the residuals of the simulation
+    filtered: bool = False  # True if θ comes from the innovations
+    systematic: np.ndarray | None = None  # (p, p) covariance of θ from parameters fixed at measured values
 
     @property
     def in_theta(self) -> list[int]:
-        """Return which of `requested` are in θ; they are its first entries, in order."""
+        """Return the indices of the entries of `requested` that are in θ; they are its first entries, in order."""
         return [k for k in range(len(self.requested)) if k not in self.frozen]
 
     @property
     def free(self) -> list[Free]:
-        """Return those of `requested` that are in θ."""
+        """Return the entries of `requested` that are in θ."""
         return [self.requested[k] for k in self.in_theta]
 
     def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
-        """The shared parameters that entry i of θ is like, by `which` of its sight."""
+        """Return the shared parameters that entry i of θ is confused with, by `which`, a field of `identifiability`."""
         return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]

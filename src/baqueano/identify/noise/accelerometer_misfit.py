@@ -1,16 +1,16 @@
-"""Which part of the misfit that wheels show does the accelerometer feel? The rest is slip, not a misfit of the model.
+"""Estimate which part of the misfit of the wheels the accelerometer also measures; the rest is slip of the wheels.
 
-By the innovations of wheels alone, slip and a push that the model does not know look alike; a filter that takes slip
-for a push follows it. The accelerometer ahead is the third witness. With the residuals r_v of the wheels' speed and
-r_a of the accelerometer, over two windows of τ that follow one another,
+From the innovations of the wheels only, slip and an unmodelled push look alike, and a filter that takes slip for a push
+follows it. The accelerometer ahead separates them. With the residuals r_v of the wheels' speed and r_a of the
+accelerometer, over two consecutive windows of τ,
 
     B = (r_v(t + τ) − 2 r_v(t) + r_v(t − τ))/τ,   A = (∫ r_a from t to t + τ − ∫ r_a from t − τ to t)/τ   (1)
     φ = Σ w A B / Σ w (B² − 6 q/τ²),   q the variance of white noise in r_v, w = 1/mean A² of each τ     (2)
 
-φ is 1 where the accelerometer measures all of it, 0 where only the wheels do; its own noise does not change the mean.
-An accelerometer does not measure a slope. Its push goes with the heading, so what cos ψ, sin ψ and their integrals
-explain leaves B.
-The upper end of the 95 % interval counts, of blocks drawn with replacement: what is not clearly contradicted stays.
+φ is 1 if the accelerometer measures the whole misfit, 0 if only the wheels do; its own noise does not change the mean.
+An accelerometer does not measure the push of a sloping floor. That push depends on the heading, so the part of B that
+cos ψ, sin ψ and their integrals explain is removed. The upper end of the 95 % interval counts, from blocks drawn with
+replacement: misfit that is not clearly contradicted stays.
 """
 
 from collections.abc import Iterator
@@ -27,31 +27,31 @@ from baqueano.identify.residuals.noise_level import MAD
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
-WINDOWS_S = (0.4, 0.8, 1.6)  # τ: longer than wheels are late, shorter than what a bias takes to change
+WINDOWS_S = (0.4, 0.8, 1.6)  # τ: longer than the delay of wheels, shorter than changes of a bias
 SAMPLES = 4  # of the wheels in a window, at least
-BLOCK_S, FEWEST, DRAWS = 2.0, 8, 1000  # blocks of so long, so many at least; draws
-HIGH, LEAST = 0.975, 1e-3  # of φ; so little of a misfit stays, that a filter may follow what was misjudged
+BLOCK_S, FEWEST, DRAWS = 2.0, 8, 1000  # length of a block, least number of blocks, draws
+HIGH, LEAST = 0.975, 1e-3  # quantile of φ; least φ, so that a filter can still follow a misfit
 AHEAD, TURNING, AHEAD_DOT = 0, 2, 6  # of ν; of (η, ν, ν̇)
 
 
 class Series(NamedTuple):
-    """A quantity of one run."""
+    """A quantity of one run over time."""
 
     t_s: np.ndarray  # (N,)
     x: np.ndarray  # (N,)
 
     def at(self, t_s: np.ndarray) -> np.ndarray:
-        """Return it at other times (K,)."""
+        """Return the quantity at other times (K,), interpolated."""
         return np.interp(t_s, *self)
 
     def integral(self) -> "Series":
-        """Return its integral from the first time on."""
+        """Return the integral from the first time on."""
         steps = 0.5 * (self.x[1:] + self.x[:-1]) * np.diff(self.t_s)
         return Series(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
-    """Return sensor, entry and slope of the inertial number that shows ν̇_x best; None where none does."""
+    """Return sensor, entry and derivative of the inertial number that depends most on ν̇_x, or None."""
     readings = [
         (name, i, float(slope[AHEAD_DOT]))
         for name in sorted(inertial)
@@ -62,7 +62,7 @@ def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int
 
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
-    """Return φ within [LEAST, 1] by all runs of the fit; 1 where too little tells of it.  (2)"""
+    """Return φ within [LEAST, 1] from all runs of the fit, or 1 with too few data.  (2)"""
     sums = np.concatenate([np.zeros((0, 2)), *(sums_of(*each) for each in _series(ekf, fit, inertial))])
     if len(sums) < FEWEST or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
@@ -73,7 +73,7 @@ def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> fl
 
 
 def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
-    """Return Σ w A B and Σ w (B² − 6 q/τ²) of blocks (K, 2), over all τ; `rate` is that of the heading.  (1), (2)"""
+    """Return Σ w A B and Σ w (B² − 6 q/τ²) of blocks (K, 2), over all τ; `rate` is the yaw rate.  (1), (2)"""
     begin, end = (cut(each.t_s[k] for each in (speed, ahead, rate)) for cut, k in ((max, 0), (min, -1)))
     way, psi = ahead.integral(), rate.integral()
     floor = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
@@ -95,7 +95,7 @@ def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
 
 
 def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
-    """Residuals of the wheels' speed and of the accelerometer ahead, and the yaw rate by the gyro, of each run."""
+    """Yield for each run the residuals of the wheels' speed and of the accelerometer ahead, and the gyro's yaw rate."""
     ahead, readings = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
     wheels = next(
         (reading for reading in readings if AHEAD in reading.of and reading.name not in inertial), None

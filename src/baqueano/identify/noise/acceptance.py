@@ -1,13 +1,14 @@
-"""Is the noise true on runs that it was not found on, and on a simulation? The filter as it would be written.
+"""Test the noise of a filter on held-out runs and on a simulation.
 
     NIS_c = Σ_t y_c² / S_cc / N   over the readings of number c in the held-out runs, 1 if the noise is true (1)
     NEES_s = Σ_t e_s² / P_ss / N  of state s over drives of the fitted vehicle with this noise               (2)
 
 y are the innovations of the filter (augmented_ekf.py) with their covariance S; beyond FAR standard deviations they
-count as FAR. The interval of (1) is that of drawing blocks of BLOCK_S with replacement: innovations of a real vehicle
-are not white. A number agrees where its interval reaches from 1/CLOSE to CLOSE. Where one does not, the own runs do not
-show the noise of this vehicle. Then it is found again over all runs (filter_noise.py); what disagrees still is named.
-The drives of (2) are those of simulated_nees.py. A state agrees within CLOSE_ON_DRIVES, each drive a block.
+count as FAR. The interval of (1) comes from blocks of BLOCK_S drawn with replacement: innovations of a real vehicle are
+not white. A number agrees if its interval contains a value from 1/CLOSE to CLOSE. If one does not, the runs of the fit
+do not show the noise of this vehicle. Then the noise is estimated again over all runs (filter_noise.py), and numbers
+that still disagree are reported. The drives of (2) are those of simulated_nees.py. A state agrees within
+CLOSE_ON_DRIVES; each drive is one block.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,9 +31,9 @@ from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
 BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
-CLOSE = 1.2  # of a variance: nearer than that, a filter is none the worse
+CLOSE = 1.2  # factor on a variance: a smaller error does not degrade a filter
 CLOSE_ON_DRIVES = (
-    1.5  # of the variance of a state: considered scales and slips are not all of the linear kind
+    1.5  # factor on the variance of a state: larger, as considered scales and slips are partly nonlinear
 )
 STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
 
@@ -47,17 +48,17 @@ class FilterBelief(StrEnum):
 
 
 class NormalisedSquare(NamedTuple):
-    """The NIS of a number or the NEES of a state, with its interval of 95 %."""
+    """The NIS of a number or the NEES of a state, with its 95 % interval."""
 
     name: str  # "imu[2]", "heading"
     mean: float
-    low: float  # NaN of too few blocks
+    low: float  # NaN with too few blocks
     high: float
-    close: float  # factor within which it is right
+    close: float  # factor within which it agrees
 
     @property
     def verdict(self) -> FilterBelief:
-        """Return what it says of the noise."""
+        """Return the verdict on the noise."""
         if not np.isfinite(self.low):
             return FilterBelief.CANNOT_TELL
         if self.low > self.close:
@@ -66,7 +67,7 @@ class NormalisedSquare(NamedTuple):
 
     @property
     def disagrees(self) -> bool:
-        """Return True where chance does not explain it."""
+        """Return True if the verdict is too sure or too careful."""
         return self.verdict in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)
 
 
@@ -74,7 +75,7 @@ class Acceptance(NamedTuple):
     """Verdict of held-out runs on the noise that is written."""
 
     message: Diagnostic
-    disagrees: bool  # after the noise was found again, too
+    disagrees: bool  # True if the noise disagrees also after the new estimate
 
 
 def accepted(
@@ -83,8 +84,8 @@ def accepted(
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> tuple[AugmentedEkf, Acceptance]:
-    """Return the filter whose noise is to be written: `ekf` if the `validation_runs` runs agree with it, else that of
-    `found_again()`, the noise over all runs; and one sentence."""
+    """Return the filter whose noise is to be written, and a message: `ekf` if the `validation_runs` agree with it,
+    else `refit()`, with the noise over all runs."""
     runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
     decisive = [
         square
@@ -137,7 +138,7 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[Normali
 
 
 def nees_of(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]:
-    """Return the NEES of each state on drives like `run`; none where they cannot be simulated.  (2)"""
+    """Return the NEES of each state on drives like `run`, or an empty list if they cannot be simulated.  (2)"""
     e, P = simulated_errors(ekf, run, kernel)
     square = e**2 / np.diagonal(P, axis1=2, axis2=3)
     return [
@@ -149,7 +150,7 @@ def nees_of(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]
 
 
 def _filter_scan(ekf: AugmentedEkf, backend: str) -> Scan:
-    """A scan of the filter whose outputs are y²/S (m,), η, ν and the covariance."""
+    """Return a scan of the filter whose outputs are y²/S (m,), η, ν and the covariance."""
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, Any]:
         belief, estimate = ekf.row(belief, tick)
@@ -170,7 +171,7 @@ def _mean(name: str, square: np.ndarray, count: np.ndarray, close: float) -> Nor
 
 
 def _by_belief(off: Sequence[NormalisedSquare]) -> JsonObject:
-    """Names by what their figures say."""
+    """Return the names for which the filter is too sure, and those for which it is too careful."""
     sure, careful = (
         [square.name for square in off if square.verdict == belief]
         for belief in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)

@@ -1,4 +1,4 @@
-"""The overlapping Allan deviation of a sensor at rest, and its three coefficients.
+"""Compute the overlapping Allan deviation of a sensor at rest, and its three coefficients.
 
 With x the integral of the signal, N samples τ₀ apart, and τ = n τ₀:
 
@@ -6,11 +6,10 @@ With x the integral of the signal, N samples τ₀ apart, and τ = n τ₀:
     σ²(τ) = W²/τ + (2 ln 2/π) B² + K² τ/3                                                                 (2)
     ν = (3 N / (2 n) − 2 (N − 1)/(N + 1)) · 4 n² / (4 n² + 5),   95 % interval: σ² ν / χ²                  (3)
 
-W is the white noise (angle or velocity random walk), B the instability of the bias, K its random walk. (2) is fitted
-to (1) at octaves of τ, each weighted with its degrees of freedom ν, those of white noise, MOST_FREEDOM at most: no
-sensor is as simple as (2). A coefficient below twice its own error counts as not measurable.
-Sources: IEEE Std 952-1997, annex C for (2); Riley, NIST Special Publication 1065 (2008), 5.2.4 for (1) and 5.3.2
-for (3).
+W is the white noise (angle or velocity random walk), B the instability of the bias, K its random walk. (2) is fitted to
+(1) at octaves of τ. The weights are the degrees of freedom ν of white noise, at most MOST_FREEDOM, as no sensor is as
+simple as (2). A coefficient below twice its own error counts as not measurable. Sources: IEEE Std 952-1997, annex C
+for (2); Riley, NIST Special Publication 1065 (2008), 5.2.4 for (1) and 5.3.2 for (3).
 """
 
 from itertools import combinations
@@ -30,7 +29,7 @@ FLICKER = 2.0 * np.log(2.0) / np.pi
 
 
 class Allan(NamedTuple):
-    """Averaging times, the deviation, and its 95 % interval."""
+    """Averaging times, the Allan deviation, and its 95 % interval."""
 
     tau_s: np.ndarray  # (K,)
     deviation: np.ndarray  # (K,) in the unit of the signal
@@ -40,35 +39,35 @@ class Allan(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """W, B, K with their standard errors; 0 where one is not seen."""
+    """Coefficients W, B, K with their standard errors; 0 for one that does not show."""
 
     value: np.ndarray  # (3,) per √Hz, in the unit of the signal, per s^1.5 times √Hz·s
     sd: np.ndarray  # (3,)
 
     @property
     def measurable(self) -> np.ndarray:
-        """(3,) bool."""
+        """Return a mask (3,) of the coefficients above twice their error."""
         return self.value > 2.0 * self.sd
 
 
 def averages(samples: int) -> np.ndarray:
-    """n of (1): octaves, as far as there is a degree of freedom."""
+    """Return the numbers of samples n of (1): octaves, as far as one degree of freedom is left."""
     n = 2 ** np.arange(int(np.log2(max(2, samples))) + 1)
     return n[(2 * n <= samples) & (freedom(samples, n) >= LEAST_FREEDOM)]
 
 
 def freedom(samples: int, n: np.ndarray) -> np.ndarray:
-    """ν (K,) of averages over n samples.  (3)"""
+    """Return the degrees of freedom ν (K,) of averages over n samples.  (3)"""
     n = np.asarray(n, dtype=float)
     N = samples + 1.0  # points of the integral
     return (3.0 * (N - 1.0) / (2.0 * n) - 2.0 * (N - 2.0) / N) * 4.0 * n**2 / (4.0 * n**2 + 5.0)
 
 
 def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
-    """The Allan deviation of a signal y (N,) that was sampled `rate_hz` times a second, over `n` (K,) samples
-    each, octaves if not given.  (1)
+    """Return the Allan deviation of a signal y (N,), sampled `rate_hz` times a second.
 
-    UsageError for fewer than FEWEST samples, one that is not finite, or averages over more than half of them.
+    Averages are over `n` (K,) samples, by default octaves.  (1) Raise UsageError for fewer than FEWEST samples, one
+    that is not finite, or averages over more than half of them.
 
     >>> white = np.random.default_rng(0).normal(0.0, 0.1, 10_000)  # 0.1 at 100 Hz: 0.01 per √Hz
     >>> coefficients(allan(white, 100.0)).value.round(3)
@@ -94,7 +93,7 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
 
 
 def coefficients(curve: Allan) -> Coefficients:
-    """W, B, K of (2), none below 0: of all choices of them the one that fits best."""
+    """Return W, B, K of (2), none below 0: of all combinations the one that fits best."""
     tau, variance = curve.tau_s, np.maximum(curve.deviation**2, 1e-300)
     parts = np.stack([1.0 / tau, np.full_like(tau, FLICKER), tau / 3.0], axis=1)
     best, least = (np.zeros(3), np.full(3, np.nan)), np.inf
@@ -102,7 +101,7 @@ def coefficients(curve: Allan) -> Coefficients:
         for members in combinations(range(3), size):
             nu = np.minimum(curve.freedom, MOST_FREEDOM)
             squares, sd, cost = _fit(parts[:, members], variance, nu)
-            if np.all(squares > 0.0) and cost < least - 2.0 * (size > 1):  # one more has to earn it
+            if np.all(squares > 0.0) and cost < least - 2.0 * (size > 1):  # penalty for another coefficient
                 least, full, full_sd = cost, np.zeros(3), np.full(3, np.nan)
                 full[list(members)], full_sd[list(members)] = squares, sd
                 best = (full, full_sd)
@@ -112,7 +111,7 @@ def coefficients(curve: Allan) -> Coefficients:
 
 
 def _fit(parts: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Squares (c,) of the coefficients, their standard errors (c,), and −2 log of the likelihood of (1)."""
+    """Return the squares (c,) of the coefficients, their standard errors (c,), and −2 log of the likelihood of (1)."""
     model, squares, cov = variance, np.zeros(parts.shape[1]), np.eye(parts.shape[1])
     for _ in range(ROUNDS):
         weight = np.sqrt(0.5 * nu) / model  # the variance of σ² is 2 σ⁴/ν
@@ -126,6 +125,6 @@ def _fit(parts: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.nd
 
 
 def chi_square(nu: np.ndarray, normal: float) -> np.ndarray:
-    """The χ² of ν degrees of freedom that is as likely as this normal deviate: Wilson and Hilferty 1931."""
+    """Return the χ² of ν degrees of freedom with the probability of this normal deviate (Wilson and Hilferty 1931)."""
     part = 2.0 / (9.0 * nu)
     return nu * np.maximum(1.0 - part + normal * np.sqrt(part), 0.05) ** 3

@@ -1,12 +1,12 @@
-"""Sensors at rest: bias, scatter, Allan deviation, and change with temperature.
+"""Measure sensors at rest: bias, scatter, Allan deviation, and change with temperature.
 
-The longest time in which nothing was commanded is looked at, from REST_S after the last command. The bias has the
-error that the Allan deviation says an average of that length has, not σ/√N: the bias of a cheap sensor wanders.
+The longest time without a command is used, from REST_S after the last command. The error of the bias is the Allan
+deviation of an average of that length, not σ/√N: the bias of a cheap sensor drifts.
 
     z = b + s (T − T̄),   sd of both from block means                                                      (1)
 
-where the run has a temperature. Samples whose stamps come in bursts (a host that reads a full buffer) were taken
-at an even rate: the mean one.
+if the run has a temperature. Samples whose stamps come in bursts (a host that reads a full buffer) are taken as
+sampled evenly, at the mean rate.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 FEWEST = 200  # samples
-BLOCKS = 12  # means that the slope over temperature is read from
+BLOCKS = 12  # means from which the slope over temperature is estimated
 WARMER = 0.5  # °C of change, below which no slope is estimated
 BURST = 0.5  # of the median step: stamps whose steps scatter by more come in bursts
 TEMPERATURE = "temperature"
@@ -47,10 +47,10 @@ class ChannelAtRest(NamedTuple):
     mean: float
     mean_sd: float
     sd: float
-    step: float  # smallest change that was seen: the converter's
+    step: float  # smallest change: the step of the converter
     curve: Allan
     coefficients: Coefficients
-    allan_1s: float | None  # deviation of averages over 1 s; None of a run that is too short
+    allan_1s: float | None  # deviation of averages over 1 s; None if the run is too short
     slope: float | None  # per °C
     slope_sd: float | None
 
@@ -66,11 +66,11 @@ class AtRest:
 
     @property
     def verdict(self) -> Verdict:
-        """WARN where something is doubtful, else USABLE."""
+        """Return WARN if something is doubtful, else USABLE."""
         return Verdict.WARN if self.doubts else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per channel, SI."""
+        """Return one flat row per channel, in SI units."""
         out = []
         for c in self.channels:
             row: TableRow = {
@@ -115,7 +115,7 @@ class AtRest:
         return "\n".join([*lines, *(f"- {doubt}" for doubt in texts(self.doubts)), _(self.verdict)])
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
-        """The file with noise, bias and walk of its IMUs as they are at rest."""
+        """Return the file with noise, bias and walk of its IMUs as measured at rest."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
@@ -132,8 +132,9 @@ class AtRest:
 
 
 def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRest:
-    """The sensors of `run` while it stands, between two times [s] from its first tick. UsageError where it never
-    stands, or no sensor has FEWEST samples then.
+    """Return the sensors of `run` at rest, between two times [s] from its first tick.
+
+    Raise UsageError if the run is never at rest, or if no sensor has FEWEST samples then.
 
     >>> from baqueano.simulate import simulate
     >>> from baqueano.vehicle_file import load
@@ -165,10 +166,10 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
 
 
 def _standing(run: "Run") -> tuple[int, int]:
-    """The longest stretch without a command, from REST_S after the last one [ns]."""
+    """Return the limits of the longest time without a command, from REST_S after the last one [ns]."""
     if not len(run.t_ns):
         raise UsageError(fault("at-rest.no-tick", run=run.name))
-    driven_ticks = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    driven_ticks = np.any(run.applied != 0.0, axis=1)  # NaN counts as driven
     edges = np.flatnonzero(np.diff(np.concatenate([[True], driven_ticks, [True]]).astype(int)))
     begins, ends = edges[::2], edges[1::2] - 1
     if not len(begins):
@@ -197,7 +198,7 @@ def _rest_channel(
 def _over_temperature(
     t_ns: np.ndarray, y: np.ndarray, warmth: "Channel | None"
 ) -> tuple[float | None, float | None]:
-    """Slope per °C with its standard error, from block means; None where it did not get warmer.  (1)"""
+    """Return the slope per °C and its standard error, from block means; None without a change of temperature.  (1)"""
     if warmth is None or len(y) < BLOCKS:
         return None, None
     T = np.interp(t_ns, warmth.t_ns, warmth.z[:, 0])
@@ -230,7 +231,7 @@ def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[Dia
 
 
 def _of_imu(path: str, own: dict[int, ChannelAtRest]) -> "JsonObject":
-    """Values of an IMU from its three channels: noise of one sample, and the walk where it is seen."""
+    """Return the values of an IMU from its three channels: noise of one sample, bias, and the walk if measurable."""
     walk = [
         float(own[k].coefficients.value[2]) if own[k].coefficients.measurable[2] else 0.0 for k in range(3)
     ]

@@ -1,16 +1,16 @@
-"""Q and R of a filter: the noise of sensors and model.
+"""Estimate Q and R of a filter: the noise of sensors and model.
 
 Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's letters, and the paper's).
 
     Q = cov(z − h), in motion and at rest                     Grotz et al., `equ:covarianza`              (1)
     R = cov(μ_t − g(u_t, μ_{t−1})),  μ = (ν, ν̇) the truth of a simulation                                 (2)
-    R = arg min Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),  R diagonal, where there is no truth               (3)
+    R = arg min Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),  R diagonal, without a truth                       (3)
 
-z − h are the residuals of the fit, clipped at 4 σ. Where they are autocorrelated, Q is half the covariance of the
-differences of neighbours, in which a drift does not show. g is the estimator's, in its mode; (3) is the likelihood of
-its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: variances have a floor,
-FLOOR of the signal's size, and eigenvalues of the correlation `LEAST`; `notes` say what was lifted. Errata 5: the
-paper's printed Q and R are not positive definite.
+z − h are the residuals of the fit, clipped at 4 σ. If they are autocorrelated, Q is half the covariance of the
+differences of neighbours, which removes a drift. g is the prediction of the estimator, in its mode; (3) is the
+likelihood of its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: variances are
+at least FLOOR of the signal's size squared, eigenvalues of the correlation at least `LEAST`; `notes` list what was
+raised. Errata 5: the paper's printed Q and R are not positive definite.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.covariance.information import COLOUR
+from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import standing
 from baqueano.identify.noise.acceptance import Acceptance, accepted
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEAST = 1e-6  # least eigenvalue of a correlation matrix
-LEAST_SD = 1e-9  # of anything, in its unit
+LEAST_SD = 1e-9  # least standard deviation, in its unit
 CLIP = 4.0  # standard deviations
 FEWEST = 30  # samples for a covariance
 STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
@@ -56,22 +56,22 @@ STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Noise(Result):
-    """Covariances of sensors and model.
+    """Noise covariances of sensors and model.
 
     Parameters
     ----------
     in_motion : dict of str to ndarray (m, m)
         Sensor → Q.
     at_rest : dict of str to ndarray (m, m) or None
-        Sensor → Q; None where it hardly stood still.
+        Sensor → Q; None with too few samples at rest.
     process : ndarray (6, 6)
-        R of (ν, ν̇) per tick; (0, 0) of a filter without R.
+        R of (ν, ν̇) per tick; shape (0, 0) for a filter without R.
     rate_hz : float
         Ticks a second of R.
     source : str
-        Of R: "truth" or "innovations".
+        Source of R: "truth" or "innovations".
     notes : tuple of Diagnostic
-        What was changed to make them positive definite.
+        Changes that make Q and R positive definite.
     units : dict of str to str
         Units of the sensors' numbers, by "imu[0]".
     fields : dict of str to ndarray (k,)
@@ -79,7 +79,7 @@ class Noise(Result):
     speed : SpeedChannels, optional
         Accelerometers that may correct the speed, of the recommended filter.
     accepted : Acceptance, optional
-        Judgement by held-out runs, of the recommended filter.
+        Verdict of held-out runs on the recommended filter.
 
     Examples
     --------
@@ -100,11 +100,11 @@ class Noise(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE, or WARN where something had to be lifted to the floor, or held-out runs disagree."""
+        """Return USABLE, or WARN if a value was raised to the floor or held-out runs disagree."""
         return Verdict.WARN if self.notes or (self.accepted and self.accepted.disagrees) else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per number on a diagonal: standard deviations."""
+        """Return one flat row per number on a diagonal, with its standard deviation."""
         out = []
         for name, q in self.in_motion.items():
             rest = self.at_rest[name]
@@ -146,7 +146,7 @@ class Noise(Result):
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
     def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
-        """The file with Q of each sensor (in motion) and R of the estimator."""
+        """Return the file with Q of each sensor (in motion) and R of the estimator."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
@@ -172,7 +172,7 @@ def measure_noise(
     held_out: Sequence[Run] = (),
     backend: str = "auto",
 ) -> Noise:
-    """Return the noise of sensors and model, from a fit and the runs that it was made from.
+    """Return the noise of sensors and model, from a fit and its runs.
 
     Parameters
     ----------
@@ -181,10 +181,10 @@ def measure_noise(
     runs : Run or sequence of Run
         Its runs.
     source : str
-        Of R: "truth" of a simulation, "innovations", or "auto", the first where there is one.
+        Source of R: "truth" of a simulation, "innovations", or "auto": the truth if a run has one.
     held_out : sequence of Run
-        Runs that the fit has not seen. They decide which accelerometers may correct the speed (speed_channels.py), and
-        whether the noise is true (acceptance.py).
+        Runs that were not used in the fit. They decide which accelerometers may correct the speed (speed_channels.py),
+        and if the noise is true (acceptance.py).
     backend : str
         "auto", "c", "python" or "numpy".
 
@@ -196,7 +196,7 @@ def measure_noise(
     Raises
     ------
     UsageError
-        For another source, or a truth that no run holds.
+        For another source, or if no run has a truth.
 
     Notes
     -----
@@ -250,8 +250,10 @@ def measure_noise(
 
 
 def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]) -> np.ndarray:
-    """A symmetric positive definite matrix (n, n) with variances of at least `floor` (n,), and LEAST_SD²: a vehicle
-    on a rail never moves sideways."""
+    """Return a symmetric positive definite matrix (n, n) with variances of at least `floor` (n,) and LEAST_SD².
+
+    LEAST_SD covers a vehicle on a rail, which never moves sideways.
+    """
     matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
     matrix = np.where(np.isfinite(matrix), matrix, 0.0)
     variance, floor = np.diagonal(matrix), np.maximum(floor, LEAST_SD**2)
@@ -274,12 +276,12 @@ def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnost
 def _measurement(
     fit: Fit, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
-    """Q of each sensor, in motion and at rest: (1), and unfitted_channels.py where a channel took no part."""
+    """Return Q of each sensor, in motion and at rest: (1), or unfitted_channels.py if a channel was not fitted."""
     moving: dict[str, np.ndarray] = {}
     at_rest: dict[str, np.ndarray | None] = {}
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
         if name in KINDS:
-            continue  # a tape's error is what its reader says
+            continue  # the error of a hand measurement is given by the user
         columns = _took_part(fit, name)
         r, q, floor = _residuals(fit, runs, name, columns)
         both = r if len(r) >= FEWEST else np.concatenate([r, q])
@@ -296,17 +298,18 @@ def _measurement(
 
 
 def _took_part(fit: "Fit", name: str) -> list[int]:
-    """Channels of a sensor of which something is left over."""
+    """Return the channels of a sensor with residuals."""
     return sorted({c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()})
 
 
 def _residuals(
     fit: "Fit", runs: Sequence[Run], name: str, columns: list[int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows (K, m) of the residuals of the channels `columns`, in motion and at rest, and their least variances."""
+    """Return rows (K, m) of the residuals of the channels `columns`, in motion and at rest, and their least
+    variances."""
     if not columns:
         return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
-    drifting = bool(np.any([c.colour > COLOUR for c in fit.channels if c.sensor == name]))
+    drifting = bool(np.any([c.autocorrelation > WHITE_LIMIT for c in fit.channels if c.sensor == name]))
     sigma, in_motion, rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
     for run_name, run in zip(fit.runs, runs, strict=True):
         own = {c.entry: c for c in fit.channels if c.sensor == name and c.run == run_name}
@@ -323,7 +326,7 @@ def _residuals(
 
 
 def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
-    """The residuals (K, m) at `rows` (N,), or the differences of neighbours over √2."""
+    """Return the residuals (K, m) at `rows` (N,) or, if `drifting`, the differences of neighbours over √2."""
     if not drifting:
         return r[rows]
     steps = np.diff(np.flatnonzero(rows))
@@ -332,7 +335,7 @@ def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
 
 
 def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """(N,) rows in which nothing was commanded for REST_S and the model stands still."""
+    """Return a mask (N,) of the rows without a command for REST_S in which the model is at rest."""
     candidate = standing(run, run.t_ns[0] + np.rint(t_s * NANOSECONDS).astype(np.int64))
     if not candidate.any():
         return candidate
@@ -341,5 +344,5 @@ def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np
 
 
 def _cov(r: np.ndarray) -> np.ndarray:
-    """(m, m) of rows r (N, m)."""
+    """Return the covariance (m, m) of rows r (N, m)."""
     return np.atleast_2d(np.cov(r.T)) if len(r) > 1 else np.zeros((r.shape[1], r.shape[1]))

@@ -1,16 +1,16 @@
-"""Noise of the recommended filter: the misfit of the model and the noise of the sensors.
+"""Estimate the noise of the recommended filter: the misfit of the model and the noise of the sensors.
 
     J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of what corrects)       (1)
     of an inertial number:   σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
     c(τ) = σ_d² e^(−τ/T),  c the autocovariance of r, T of the file;   walk of ν_x ≤ σ √δ                    (3)
 
 y and S are the innovations of the filter over the log (augmented_ekf.py), r the residuals of the fit, ρ as in
-most_likely.py. Second differences leave out slow errors of the model, not the jerks of a rough floor; a rest with more
-scatter than that is not a rest. A channel that corrects nothing has the noise of its residuals. A sensor with fewer
-than FEWEST readings keeps the noise of the file. Velocities on a grid, as those of a counter, have σ² ≥ step²/12.
-With an IMU alone, (3) takes the misfit of the speed from the accelerometer ahead. Where wheels measure the speed, what
-the accelerometer does not feel is slip (accelerometer_misfit.py). course_std is at least the angle between the model's
-way and its heading.
+most_likely.py. Second differences remove slow errors of the model, not the jerks of a rough floor; a rest with more
+scatter than that is not used. A channel that corrects nothing has the noise of its residuals. A sensor with fewer than
+FEWEST readings keeps the noise of the file. Quantised velocities, as those of a counter, have σ² ≥ step²/12. With only
+an IMU, (3) takes the misfit of the speed from the accelerometer ahead. If wheels measure the speed, misfit that the
+accelerometer does not measure is slip (accelerometer_misfit.py). course_std is at least the angle between the course
+and the heading of the model.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ from baqueano.symbolic import get, put, scan
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
-SLOW_S = 0.3  # what fades faster is the walk of ν: a misfit and the floor are two numbers
+SLOW_S = 0.3  # least T of a misfit; faster changes belong to the walk of ν, the effect of the floor
 OF_FORWARD = (
     ("disturbance_std[0]", 1e-4, 1e2),
     ("disturbance_fade_s[0]", SLOW_S, 30.0),
@@ -45,24 +45,24 @@ OF_TURNING = (
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
 FIELDS = ("disturbance_std", "disturbance_fade_s", "velocity_walk_std", "course_std")
-FAR = 6.0  # ρ is a square up to here: what no model foresaw has long tails, and they are not the sensor's
-WIDE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's
+FAR = 6.0  # ρ is a square up to here: the long tails of model errors must not enlarge the noise of a sensor
+WIDE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
 FEWEST = 30  # residuals for (2), (3), readings for the noise of a sensor
 SOME = 6  # readings for the size of a misfit: known to ± 30 %
-REPEATED = 0.5  # of readings: with fewer levels than that they stand on a grid
-LAGS_S = (0.1, 2.0)  # of (3): from beyond the noise on, to so many T
+REPEATED = 0.5  # of the readings: with fewer levels they are quantised
+LAGS_S = (0.1, 2.0)  # lags of (3): from LAGS_S[0] seconds, beyond the noise, to LAGS_S[1] times T
 CLIP = 4.0  # σ, of a residual for (3)
 STRAIGHT_S, LEAST_M_S = 1.0, 0.02  # of the drive that shows a model's course
-TOE_RAD = 0.01  # of wheels that somebody put on
+TOE_RAD = 0.01  # of wheels mounted by hand
 
 
 class FreeNoise(NamedTuple):
-    """A number of the filter that the likelihood finds."""
+    """A noise parameter of the filter that the likelihood determines."""
 
     path: str
     low: float
     high: float
-    power: float  # of what stands at `path`: 2 for a variance
+    power: float  # exponent of the value at `path`: 2 for a variance
 
 
 def filter_noise(
@@ -73,8 +73,8 @@ def filter_noise(
     backend: str,
     speed_from: tuple[str, ...],
 ) -> AugmentedEkf:
-    """Return the filter of the fitted file with its noise and that of the sensors that it uses; `q` and `rest` are
-    their covariances by the residuals of the fit."""
+    """Return the filter of the fitted file, with the noise of the model and of its sensors. `q` and `rest` are the
+    sensors' covariances from the residuals of the fit."""
     own = replace(fit.file.estimator(), speed_from=speed_from)
     its = layout(own)
     inertial = {bias.sensor for bias in its.biases}
@@ -112,7 +112,7 @@ def filter_noise(
 
 
 def _crab_rad(fit: "Fit") -> float:
-    """Return how far beside its heading the fitted model goes straight on, at half its command."""
+    """Return the angle between course and heading of the fitted model, straight ahead at half its command [rad]."""
     vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
     u, state, nu = np.zeros(vehicle.commands), vehicle.init(), np.zeros(3)
     u[0] = 0.5 * fit.file.command.limit[0]
@@ -123,7 +123,7 @@ def _crab_rad(fit: "Fit") -> float:
 
 
 def _with_measured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """The filter without that part of the misfit of the speed which is slip of wheels.  accelerometer_misfit.py"""
+    """Return the filter without the part of the speed misfit that is slip of wheels (accelerometer_misfit.py)."""
     part = np.sqrt(accelerometer_share(ekf, fit, inertial))
     for path, low, _ in (OF_FORWARD[0], OF_FORWARD[2]):
         ekf = put(ekf, path, max(low, float(part * get(ekf, path))))
@@ -131,7 +131,7 @@ def _with_measured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> 
 
 
 def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """The filter with the misfit of the speed by the residuals of what shows ν̇_x best, if there are enough.  (3)"""
+    """Return the filter with the speed misfit from enough residuals of the accelerometer ahead.  (3)"""
     ahead = accelerometer_ahead(ekf, inertial)
     if ahead is None:
         return ekf
@@ -158,7 +158,7 @@ def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -
 
 
 def _corrects(its: Layout, name: str) -> list[int]:
-    """The numbers of a sensor that correct while the vehicle drives."""
+    """Return the entries of a sensor that correct while the vehicle drives."""
     return [
         i
         for (name_i, i), E in zip(_numbers(its), its.moving, strict=True)
@@ -172,8 +172,8 @@ def _free(
     rounding: Mapping[tuple[str, int], tuple[float, float]],
     readings: Mapping[str, int],
 ) -> list[FreeNoise]:
-    """The numbers that some measurement shows; `rounding` holds the least and the greatest variance of some, `readings`
-    how many of each sensor there are."""
+    """Return the noise parameters that some measurement shows. `rounding` contains the least and greatest variance
+    of some entries, `readings` the number of readings of each sensor."""
     its = layout(ekf)
     of = np.array([readings[name] for name, _ in _numbers(its)])
     out = []
@@ -197,9 +197,11 @@ def _free(
 def _rounding(
     its: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
-    """The least variance of the numbers that show a velocity and stand on a grid, as those of a counter do."""
+    """Return the least variance of quantised entries that measure a velocity, as those of a counter."""
     numbers, out = _numbers(its), {}
-    places = {numbers[k] for group in its.places for k in group}  # a tag says its own place again
+    places = {
+        numbers[k] for group in its.places for k in group
+    }  # repeated positions of a tag are not quantised
     for name, i in numbers:
         z = np.concatenate(
             [run.sensors[name].z[:, i] for run in runs if name in run.sensors] or [np.zeros(0)]
@@ -212,12 +214,13 @@ def _rounding(
 
 
 def _numbers(its: Layout) -> list[tuple[str, int]]:
-    """The sensor and the entry of each number, in the order of the layout."""
+    """Return the sensor and the entry of each number, in the order of the layout."""
     return [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
 
 
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
-    """The step of a scan whose parameters are the logarithms of what is free; of the numbers that correct.  (1)"""
+    """Return the step of a scan with the logarithms of the free noise as parameters, and the likelihood of the
+    correcting numbers as output.  (1)"""
     corrects = np.any(layout(ekf).moving > 0.0, axis=1)
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
@@ -243,7 +246,7 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
 def _range(
     fit: "Fit", name: str, entry: int, rest: np.ndarray | None, otherwise: float
 ) -> tuple[float, float]:
-    """The least and the greatest variance of an inertial number; `otherwise` where its residuals are too few.  (2)"""
+    """Return the least and the greatest variance of an inertial number, at most `otherwise` with few residuals.  (2)"""
     steps = [
         np.diff(r[np.isfinite(r)], 2)
         for r in (c.measured - c.predicted for c in fit.channels if c.sensor == name and c.entry == entry)

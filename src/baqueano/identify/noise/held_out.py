@@ -1,12 +1,12 @@
-"""Which R the filter should have: each is tried on data that it was not made from.
+"""Compare noise matrices R of a filter on data that were not used to estimate them.
 
-    NIS = mean of yᵀ S⁻¹ y / m,   1 where the filter knows how wrong it is                                 (1)
-    L   = −½ mean of (log |S| + yᵀ S⁻¹ y),   the higher, the better the filter foretells                   (2)
+    NIS = mean of yᵀ S⁻¹ y / m,   1 if the filter states its own error correctly                          (1)
+    L   = −½ mean of (log |S| + yᵀ S⁻¹ y),   the higher, the better the prediction of the filter          (2)
 
 y are the innovations of the filter with their covariance S over a validation run. Measurements beyond FAR standard
 deviations count as FAR. The interval of (1) is from means over blocks of BLOCK_S: the innovations of a real vehicle are
-not white, and χ² bands are too narrow for them. NIS alone is a weak test, because the measurement noise is most of S:
-(2) decides.
+not white, and χ² bands are too narrow for them. NIS is a weak test, because the measurement noise is most of S: (2)
+decides.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +36,7 @@ TICKS = {"c": 60_000, "python": 2000, "numpy": 500}
 
 
 class NoiseTrial(NamedTuple):
-    """One R on the held-out runs."""
+    """Result of one R on the held-out runs."""
 
     name: str
     nis: float
@@ -54,23 +54,23 @@ class NoiseTrial(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseComparison:
-    """All that were tried; the best first."""
+    """Results of all R, the best first."""
 
     tried: tuple[NoiseTrial, ...]
     runs: tuple[str, ...]
 
     @property
     def best(self) -> str:
-        """The name of the R that foretells best."""
+        """Return the name of the R that predicts best."""
         return self.tried[0].name
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE if the best one is consistent, else WARN."""
+        """Return USABLE if the best R is consistent, else WARN."""
         return Verdict.USABLE if self.tried[0].consistent == "consistent" else Verdict.WARN
 
     def rows(self) -> list[TableRow]:
-        """One flat row per R."""
+        """Return one flat row per R."""
         return [trial._asdict() | {"consistent": trial.consistent} for trial in self.tried]
 
     def table(self) -> str:
@@ -92,9 +92,9 @@ def compare_noise(
     held_out: Run | Sequence[Run],
     backend: str = "auto",
 ) -> NoiseComparison:
-    """Each of `noises` (name → Q and R) in the filter of the fitted file, on runs that it has not seen.  (1), (2)
+    """Compare `noises` (name → Q and R) in the filter of the fitted file, on runs that the fit did not use.  (1), (2)
 
-    UsageError without a noise or a run, or for a run that `fit` was made from.
+    Raise UsageError without a noise or a run, or for a run of `fit`.
 
     >>> from dataclasses import replace
     >>> from baqueano.identify import identify, measure_noise, random_steps
@@ -131,17 +131,17 @@ def compare_noise(
 
 
 def _of_file(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
-    """Q of the sensors that the file has."""
+    """Return Q of the sensors that are in the file."""
     return {name: q for name, q in noise.in_motion.items() if name in fit.file.sensors._fields}
 
 
 def _size(ekf: Ekf) -> int:
-    """Numbers in R and in Q of the sensors that are used."""
+    """Return the number of entries in R and in Q of the sensors that are used."""
     return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
 
 
 def _trial(name: str, label: list[np.ndarray], per_block: int) -> NoiseTrial:
-    """From (square, log |S|, count) per tick (N, 3) of each run."""
+    """Return the result for one R from (square, log |S|, count) per tick (N, 3) of each run."""
     square, log_det, count = np.concatenate(label).T
     blocks = []
     for run_logs in label:
@@ -156,8 +156,8 @@ def _trial(name: str, label: list[np.ndarray], per_block: int) -> NoiseTrial:
 
 
 def _innovations(ekf: Ekf) -> Callable[..., Tree]:
-    """The step of a scan with R and Q as parameters: per tick yᵀ S⁻¹ y, log |S| and how many numbers were
-    measured (3,)."""
+    """Return the step of a scan with R and Q as parameters. Its outputs per tick are yᵀ S⁻¹ y, log |S| and the
+    count of measured numbers (3,)."""
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:

@@ -1,13 +1,12 @@
-"""R without a truth: the process noise under which the filter's innovations are most likely.
+"""Estimate R of a filter by maximum likelihood of its innovations, or from the truth of a simulation.
 
     J(R) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   R = diag(exp 2q)                                      (1)
-    ρ(d²) = d² up to FAR² m, beyond it 2 FAR √m d − FAR² m: an outlier is far, and no more                (2)
+    ρ(d²) = d² up to FAR² m, beyond it 2 FAR √m d − FAR² m: limits the effect of an outlier               (2)
 
-y and S are what the extended Kalman filter reports while it runs over the log, so R is right for that
-filter: with its mode, its gate and its rate. The search goes over one logarithm after the other, up
-and down, then over pairs against each other, and halves its steps when nothing improves: no derivative needed.
-
-With a truth, of a simulation, R is the covariance of what a model's step misses, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
+y and S come from the extended Kalman filter while it runs over the log, so R is right for that filter, with its mode,
+gate and rate. The search changes one logarithm after the other, up and down, then pairs against each other. It halves
+its steps when nothing improves, and needs no derivative. With the truth of a simulation, R is the covariance of the
+prediction error of one step of the model, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
 
     g in mode "default":  a_d = ν̇ − f(ν, e₋),  ν̄ = ν ⊕ f(·, e) δ + a_d δ,  ν̇̄ = f(ν̄, e) + e^(−δ/T_d) a_d  (3)
     g in mode "paper":    ν̄ = ν + ν̇ δ,  ν̇̄ = f(ν, e)                                                     (4)
@@ -38,14 +37,14 @@ if TYPE_CHECKING:
 FAR = 3.0  # standard deviations
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the logarithm of a standard deviation
 TRADED = 0.5
-TICKS = {"c": 12_000, "python": 600, "numpy": 200}  # that are looked at
-FLOOR = 1e-4  # of the root mean square of a state: no deviation is believed to be smaller
+TICKS = {"c": 12_000, "python": 600, "numpy": 200}  # ticks that are used, by backend
+FLOOR = 1e-4  # least standard deviation, relative to the root mean square of the state
 
 
 def most_likely(
     fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """R (6, 6), diagonal, given Q of each sensor; and the size (6,) of (ν, ν̇)."""
+    """Return R (6, 6), diagonal, given Q of each sensor, and the size (6,) of (ν, ν̇)."""
     ekf = filter_of(fit, measurement)
     kernel = scan(_likelihood(ekf), ekf.init(), example_of(ekf), np.zeros(6), backend=backend)
     most = TICKS.get(kernel.backend, 600) // len(runs)
@@ -62,8 +61,8 @@ def most_likely(
 
 
 def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the q (n,) between `low` and `high` from which no step of STEPS[-1] improves. Steps go along an axis or,
-    from TRADED on, along one axis and back along another: two noises that explain the same trade places."""
+    """Return the q (n,) between `low` and `high` from which no step of STEPS[-1] improves. Steps go along one axis
+    or, from TRADED on, along one axis and back along another, as two noises may explain the same error."""
     least, axes = cost(q), np.eye(len(q))
     ways = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
@@ -80,7 +79,7 @@ def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.n
 
 
 def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:
-    """log |S| and yᵀ S⁻¹ y of a symmetric positive definite S (m, m), by elimination."""
+    """Return log |S| and yᵀ S⁻¹ y for a symmetric positive definite S (m, m), by elimination."""
     m = len(y)
     rows, v, total, square = [[S[i, j] for j in range(m)] for i in range(m)], list(y), 0.0, 0.0
     for k in range(m):
@@ -96,7 +95,7 @@ def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:
 
 
 def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
-    """The filter of the file with the fitted vehicle and the measured Q; ours where the file has another."""
+    """Return the filter of the file with the fitted vehicle and the measured Q, or `Ekf` for another kind."""
     sensors = fit.file.sensors
     for name, q in measurement.items():
         block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
@@ -136,13 +135,14 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
 
 
 def example_of(ekf: Tree) -> Tick:
-    """A tick of the right shapes for a trace: every sensor of the filter, silent."""
+    """Return a tick with the right shapes for a trace, with every sensor of the filter but without measurements."""
     slots = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(slots))(**slots))
 
 
 def ticks_of(run: Run, ekf: Tree, most: int) -> Any:
-    """The first `most` ticks of the run as one tree with a leading axis, pauses split into silent rows."""
+    """Return the first `most` ticks of the run as one tree with a leading axis. Pauses are split into rows without
+    measurements."""
     t_ns = run.t_ns[:most]
     slots: dict[str, Tree] = {}
     for name, sensor in ekf.sensors._asdict().items():
@@ -161,7 +161,7 @@ def ticks_of(run: Run, ekf: Tree, most: int) -> Any:
 
 
 def _size(fit: "Fit", run: Run) -> np.ndarray:
-    """Root mean square (6,) of (ν, ν̇) that the model goes through under the run's commands."""
+    """Return the root mean square (6,) of (ν, ν̇) of the model under the run's commands."""
     vehicle = fit.blocks.model
     dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9
 
@@ -179,11 +179,11 @@ class PredictionState(NamedTuple):
     """State of the prediction."""
 
     drivetrain: Tree
-    effort: np.ndarray  # (n,) at the end of the step before
+    effort: np.ndarray  # (n,) at the end of the previous step
 
 
 def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
-    """(N, 6) errors of the prediction of (ν, ν̇) over a tick, and the size (6,) of (ν, ν̇)."""
+    """Return errors (N, 6) of the prediction of (ν, ν̇) over a tick, and the size (6,) of (ν, ν̇)."""
     mode, fading_s = prediction_of(fit)
     vehicle = fit.blocks.model
     n = vehicle.commands
@@ -207,7 +207,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
     for run in runs:
         rows, mu = _rows(run)
         g = np.asarray(kernel.run(rows)[1])
-        errors.append((mu[1:] - g)[2:])  # the first ones have no effort before them
+        errors.append((mu[1:] - g)[2:])  # the first ones are without a previous effort
         states.append(mu)
     return np.concatenate(errors), np.sqrt(np.mean(np.concatenate(states) ** 2, axis=0))
 
@@ -223,7 +223,7 @@ def predicted(
     effort: Effort,
     dt_s: Value,
 ) -> np.ndarray:
-    """g: (ν̄, ν̇̄) (6,).  (1)-(3)"""
+    """Return g = (ν̄, ν̇̄) (6,), the prediction of one step.  (3), (4), (5)"""
     if not is_dynamic(vehicle):
         _, ahead, ahead_dot = vehicle.advance(eta, nu, effort, dt_s)
         return np.concatenate([ahead, ahead_dot])
@@ -237,13 +237,13 @@ def predicted(
 
 
 def prediction_of(fit: "Fit") -> tuple[str, float]:
-    """Mode of the file's estimator, and the time over which an unexplained acceleration fades in it."""
+    """Return the mode of the file's estimator, and the time in which an unexplained acceleration fades [s]."""
     estimator = fit.file.estimator(process_noise_cov=np.eye(6))
     return getattr(estimator, "mode", "default"), float(getattr(estimator, "disturbance_time_s", 0.5))
 
 
 def _rows(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """(N, q) rows (dt, u, η, ν, ν̇ of the tick before) and μ (N + 1, 6), over ticks that have a truth."""
+    """Return rows (N, q) of dt, u, and η, ν, ν̇ of the previous tick, and μ (N + 1, 6), over ticks with a truth."""
     truth = run.truth
     assert truth is not None
     _, ticks, rows = np.intersect1d(run.t_ns, truth.t_ns, return_indices=True)

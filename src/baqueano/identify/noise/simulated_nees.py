@@ -1,11 +1,11 @@
-"""Is a filter as sure as it may be of a vehicle that has the noise it believes in? NEES per state on a simulation.
+"""Test the covariance of a filter on simulated vehicles with the noise that the filter assumes: NEES per state.
 
     NEES_s = Σ_t e_s² / P_ss / N   over DRIVES drives of the vehicle, 1 if the filter is right            (1)
 
-The drives have the commands of a run, without its rests. Each draws its start, scales, course and biases; its walks,
-disturbances and slips are integrated in PARTS of a tick, half of a walk before and half after each (Strang). Its pose
-is that of (1 + K) ν, its readings come from the sensors' own step, low-pass and delay included. Nothing here is
-linearised, and no covariance is carried: what the filter leaves out shows.
+The drives have the commands of a run, without its rests. Each draws its start, scales, course and biases. Its walks,
+disturbances and slips are integrated in PARTS of a tick, with half of a walk before and half after each (Strang). Its
+pose follows (1 + K) ν, its readings come from the sensors' own step, with low-pass and delay. Nothing here is
+linearised, and no covariance is propagated, so effects that the filter leaves out show in the result.
 """
 
 from typing import Any, NamedTuple
@@ -27,26 +27,26 @@ from baqueano.vehicles import Effort
 from baqueano.vehicles.drivetrain import DrivetrainState
 
 DRIVES, SECONDS, PARTS = 40, 20.0, 4
-TICKS = {"c": 80_000, "python": 8_000}  # of all drives; none where blocks run as they are written
+TICKS = {"c": 80_000, "python": 8_000}  # of all drives; 0 without compiled or generated code
 FEWEST = 100  # ticks of a drive
-TINY = 1e-30  # of a variance
+TINY = 1e-30  # added to a variance
 
 
 class SimulatedState(NamedTuple):
-    """A vehicle with the noise that a filter believes in."""
+    """State of a vehicle with the noise that the filter assumes."""
 
     x: np.ndarray  # (n,) of augmented/state.py
-    slip: Value  # part of ν_x by which the wheels turn faster
+    slip: Value  # relative to ν_x, by which the wheels turn faster
     motion: Motion  # at the end of the last tick
     drivetrain: DrivetrainState
     sensors: tuple[Tree, ...]
 
 
 class DrawnTick(NamedTuple):
-    """Inputs of one tick."""
+    """Commands and random numbers of one tick."""
 
     u: np.ndarray  # (commands,)
-    walk: np.ndarray  # (PARTS, 2, 3) unit normals, as all here
+    walk: np.ndarray  # (PARTS, 2, 3) unit normals, as all that follow
     d: np.ndarray  # (2,)
     bias: np.ndarray  # (nb,)
     slip: Value
@@ -56,8 +56,8 @@ class DrawnTick(NamedTuple):
 def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (DRIVES, N, 6) of the filter on vehicles that are driven as in `run`, and their covariances.
 
-    `filtered` runs the filter: its last outputs are η, ν and the covariance. None where the run is too short, of a
-    kinematic model, and without compiled or generated code.
+    `filtered` runs the filter: its last outputs are η, ν and the covariance. Return empty arrays if the run is too
+    short, for a kinematic model, and without compiled or generated code.
     """
     its, dt_s, rng = layout(ekf), 1.0 / ekf.rate_hz, np.random.default_rng(0)
     u = run.applied[np.isfinite(run.applied).all(axis=1) & np.any(run.applied != 0.0, axis=1)]
@@ -90,7 +90,7 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
 
 
 def _start(ekf: AugmentedEkf, x: np.ndarray) -> SimulatedState:
-    """The state of a vehicle that begins with x (n,)."""
+    """Return the state of a vehicle that begins with x (n,)."""
     x[BEND] = 0.0
     motion = Motion(x[:3], x[3:6], np.zeros(3), np.zeros(2))
     return SimulatedState(
@@ -101,7 +101,7 @@ def _start(ekf: AugmentedEkf, x: np.ndarray) -> SimulatedState:
 def _tick(
     ekf: AugmentedEkf, state: SimulatedState, draws: DrawnTick, dt_s: float
 ) -> tuple[SimulatedState, Any]:
-    """The state one tick on, and (η, (1 + K) ν) (6,) with what the sensors say."""
+    """Return the state after one tick, and (η, (1 + K) ν) (6,) with the readings of the sensors."""
     its, x = layout(ekf), state.x
     drivetrain, effort = ekf.vehicle.drivetrain.step(state.drivetrain, draws.u, dt_s)
     eta, nu, motions = x[:3], x[3:6], []
@@ -127,7 +127,7 @@ def _part(
     ekf: AugmentedEkf, x: np.ndarray, eta: np.ndarray, nu: np.ndarray, effort: Effort, k: int,
     walk: np.ndarray, dt_s: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """η and ν (3,) one part of a tick on."""
+    """Return η (3,) and ν (3,) after one part of a tick."""
     h, kick = dt_s / PARTS, ekf.velocity_walk_std * np.sqrt(0.5 * dt_s / PARTS)
     begin, end = _line(effort, k / PARTS), _line(effort, (k + 1) / PARTS)
     before = nu + kick * walk[0]
@@ -152,7 +152,7 @@ def _read_sensors(
     ekf: AugmentedEkf, state: SimulatedState, bias: np.ndarray, slip: Value, now: Motion, draws: DrawnTick,
     dt_s: float,
 ) -> tuple[tuple[Tree, ...], Tree]:  # fmt: skip
-    """The states of the sensors, and what they say with their biases, on wheels that slip."""
+    """Return the states of the sensors and their readings, with biases and with wheels that slip."""
     names, ahead = ekf.sensors._fields, np.array([1.0 + slip, 1.0, 1.0])
     rolling = [motion._replace(nu=ahead * motion.nu) for motion in (now, *(now.tick or ()))]
     states, slots = [], []

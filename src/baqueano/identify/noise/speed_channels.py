@@ -1,13 +1,13 @@
-"""Which accelerometers may correct the speed: those that make it better on runs that the fit has not seen.
+"""Choose the accelerometers that may correct the speed: those that improve it on held-out runs.
 
-An accelerometer shows ν̇ and ν_x ν_ψ. A filter that takes its speed from them is better than the model where both fit
-the vehicle. It is worse where its tilt, its misalignment or the tyres do not; nothing on board tells which it will be.
-So each number alone, and all together, is tried on held-out runs in which a witness shows the speed:
+An accelerometer measures ν̇ and ν_x ν_ψ. A filter that takes its speed from it is better than the model if both are
+right for the vehicle. It is worse if the tilt, the misalignment or the tyres are not; no sensor on board shows which
+case applies. So each number, and all together, is tested on held-out runs in which a reference shows the speed:
 
     r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the number, ẽ without, b blocks of BLOCK_S                       (1)
 
-The interval of r is that of drawing blocks with replacement. The number with the least r is taken if the whole interval
-lies below 1. The witness is the truth of the run, or else a sensor of speed that the estimator does not use.
+The interval of r comes from blocks drawn with replacement. The number with the least r is taken if the whole interval
+lies below 1. The reference is the truth of the run, or else a sensor of speed that the estimator does not use.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,11 +33,11 @@ AHEAD = 0  # the entry of ν
 
 
 class SpeedChannels(NamedTuple):
-    """The numbers that may correct the speed, and why."""
+    """The numbers that may correct the speed, and the reason."""
 
-    names: tuple[str, ...]  # for `speed_from`: "imu[1]"; none where none helps
+    names: tuple[str, ...]  # for `speed_from`: "imu[1]"; empty if no number helps
     message: Diagnostic
-    decided: bool = True  # by held-out runs; else the names are those of the file
+    decided: bool = True  # True if held-out runs decided; else the names are those of the file
 
 
 def speed_channels(
@@ -46,9 +46,10 @@ def speed_channels(
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
-    """Return which numbers may correct the speed; None for a filter without accelerometers.  (1)
+    """Return the numbers that may correct the speed, or None for a filter without accelerometers.  (1)
 
-    `filters` makes the filter with these numbers in `speed_from`, its noise found for them; `own` are the file's.
+    `filters` makes the filter with these numbers in `speed_from` and its noise estimated for them; `own` are the
+    file's numbers.
     """
     without_speed = filters(())
     numbers = tuple(_undecided_numbers(without_speed))
@@ -61,7 +62,7 @@ def speed_channels(
         return SpeedChannels(own, note(code, fix="--held-out RUN", channels=own), decided=False)
     without, ratios = _errors(without_speed, with_speed, backend), {}
     if not np.isfinite(without).all():
-        return None  # the model itself runs away
+        return None  # the model itself diverges
     for names in dict.fromkeys([*((number,) for number in numbers), numbers]):
         ratios[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), without)
     best = min(ratios, key=lambda names: ratios[names][0])
@@ -77,8 +78,8 @@ def speed_channels(
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
-    """Return the ratio of two errors whose squares are summed over B blocks, (B,) each, and its interval of 95 %; NaN
-    for an interval of fewer blocks than FEWEST.  (1)"""
+    """Return the ratio of two errors with sums of squares in B blocks, (B,) each, and its 95 % interval. The
+    interval is NaN with fewer blocks than FEWEST.  (1)"""
     ratio = float(np.sqrt(ours.sum() / reference.sum()))
     if len(ours) < FEWEST:
         return ratio, float("nan"), float("nan")
@@ -88,7 +89,7 @@ def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, flo
 
 
 def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
-    """The inertial numbers in use that turn nothing: they might correct the speed, or not."""
+    """Yield the inertial numbers in use that do not correct the yaw rate, as candidates for the speed."""
     its = layout(ekf)
     bias_sensors = {bias.sensor for bias in its.biases}
     numbers = [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
@@ -98,7 +99,7 @@ def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
 
 
 def _witness(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
-    """The speed (N,) at the ticks by somebody whom the estimator does not hear, and by whom; None: by nobody."""
+    """Return the speed (N,) at the ticks from a source that the estimator does not use, and its name, or (None, "")."""
     if run.truth is not None and np.isfinite(speed := true_speed(run.t_ns, run.truth)).any():
         return speed, "the truth"
     names_used = set(layout(ekf).names)
@@ -115,7 +116,7 @@ def _witness(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
 
 
 def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], backend: str) -> np.ndarray:
-    """Sums of squares (B,) of the errors of the speed over blocks of all runs."""
+    """Return the sums of squares (B,) of the speed errors over the blocks of all runs."""
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = ekf.row(belief, tick)
@@ -128,7 +129,7 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
         kernel = scan(step, ekf.init(nu=np.array([start, 0.0, 0.0])), example_of(ekf), backend=backend)
         nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
         finite = np.isfinite(speed)
-        square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that runs away
+        square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that diverges
         block = (run.t_s // BLOCK_S).astype(int)
         sums, count = (np.bincount(block[finite], x[finite]) for x in (square, np.ones(len(square))))
         out.append(sums[count > 0])

@@ -1,11 +1,10 @@
-"""Q of a sensor of which not all channels took part in a fit: such a channel lacks residuals.
+"""Choose Q of a sensor with channels that were not fitted: such a channel is without residuals.
 
-    σ_i = the file's,   where it has one for every channel of the sensor; else, of these the first above 0    (1)
-    σ_i = the residuals of a channel that took part,   else the scatter of its readings at rest,   else
-    σ_i² = ½ mean (z_{k+1} − z_k)²,   where the vehicle hardly stood
+    σ_i = the file's,   if it has one for every channel of the sensor; else the first of these above 0        (1)
+    σ_i = the residuals of a channel that was fitted,   else the scatter of its readings at rest,   else
+    σ_i² = ½ mean (z_{k+1} − z_k)²,   if the vehicle was hardly at rest
 
-A noise of 0 would make a filter believe the sensor alone. A channel that never changes tells nothing: σ is 1 of its
-unit.
+With a noise of 0 a filter would follow only that sensor. For a channel that never changes, σ is 1 in its unit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,8 +22,8 @@ FEWEST = 30  # samples for a variance
 def not_fitted(
     name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
-    """Q (m, m) of a sensor; `took_part` (m,) are the variances of the residuals of its channels, 0 for those that took
-    no part. None where the runs lack such a sensor.  (1)"""
+    """Return Q (m, m) of a sensor, or None if a run is without it. `took_part` (m,) are the variances of the
+    residuals of its channels, 0 for those that were not fitted.  (1)"""
     of_file = np.diagonal(block.cov)
     if np.all(of_file > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))
@@ -41,7 +40,7 @@ def not_fitted(
 
 
 def _candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
-    """The variance of channel i at rest, about the mean of each run, and the white part of all its readings."""
+    """Yield the variance of channel i at rest, about the mean of each run, then the white part of all its readings."""
     rest, steps = [np.zeros(0)], [np.zeros(0)]
     for run in runs:
         channel = run.sensors[name]

@@ -1,13 +1,13 @@
-"""Which numbers of a vehicle file are free in a fit, between which bounds, and in which unit.
+"""Describe the free numbers of a fit: paths of a vehicle file, with bounds and units.
 
-A free number is named by its dotted path with its entry, "model.actuator_matrix[0,2]"; a path without an
-entry means all entries. Unit and bounds come from the field of the block; friction is never negative
-(errata 6). By default free is what the role of its field says (parameter.py): what equations need and nobody can
-measure with scale and tape, friction and forces; of dry friction, dead zones and lag those that the file has.
-A delay is taken from the file unless it is asked for: it is searched for tick by tick (delay.py).
-Everything else that a block has is free on demand: what is off in the file, a lag of 0 or a limit of infinity,
-is begun where it has an effect (`with_room`).
-Columns of a matrix whose command never moved cannot be seen: `frozen_columns` names them.
+A free number has the dotted path of its entry, "model.actuator_matrix[0,2]"; a path without an entry means all entries.
+Unit and bounds come from the field of the block; friction is never negative (errata 6). The role of a field
+(parameter.py) decides if it is free by default. Free are numbers that the equations need and that scale and tape cannot
+measure, friction and forces; dry friction, dead zones and lag only if the file has them. A delay is taken from the file
+unless the user requests it; it is then searched for tick by tick (delay.py).
+Every other number of a block is free on request. If it is off in the file, such as a lag of 0 or a limit of infinity,
+it starts at a value where it has an effect (`enable_parameters`).
+Columns of a matrix whose command never moved cannot be identified: `frozen_columns` returns them.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -25,17 +25,17 @@ from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXES, kept, rates, slopes
 
-FREED = ("fitted", "gain", "offset")  # roles of what a fit frees unasked
-FLOOR = "model.process_noise_std"  # what a floor that moves does to ν
+FREED = ("fitted", "gain", "offset")  # roles of fields that are free by default
+FLOOR = "model.process_noise_std"  # process noise of ν by the floor
 DELAY = "model.drivetrain.delay_s"
 LAG = "model.drivetrain.lag_s"
 LIMIT = "model.drivetrain.limit"
 EFFECT = "model.drivetrain.battery_effect"
 OF_WHEELS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
-LONGEST_DELAY_S = 0.25  # that a fit looks for, where the file has a shorter one
-FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: where the search for a lag begins, and below which there is none
-LOW_PASS, HIGHEST = ".low_pass_hz", 5.0  # of the rate of the ticks: above, a low-pass does nothing
-FIRST_LIMIT = 0.7  # of the largest command: where the search for the end of a motor begins
+LONGEST_DELAY_S = 0.25  # upper bound of a delay, if that of the file is shorter
+FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
+LOW_PASS, HIGHEST = ".low_pass_hz", 5.0  # times the rate of the ticks: a higher low-pass is without effect
+FIRST_LIMIT = 0.7  # of the largest command: start of the search for the limit of a motor
 STIFFEST = 1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
@@ -47,38 +47,38 @@ class Free(NamedTuple):
     unit: str
     low: float
     high: float
-    of: Parameter  # what its field says of it
+    of: Parameter  # description of its field
     entry: tuple[int, ...]
 
     @property
     def short(self) -> str:
-        """Its path, as people read it."""
+        """Return the path in its short form for people."""
         return self.path.removeprefix("model.")
 
     @property
     def axis(self) -> int | None:
-        """Along which it acts, 0 forward, 1 sideways, 2 turning; None if its field does not say."""
+        """Return the axis along which the number acts: 0 forward, 1 sideways, 2 turning, or None if undefined."""
         return self.entry[0] if self.entry and self.of.axes else None
 
     @property
     def column(self) -> int | None:
-        """Of which command it is the gain; None if it is of all, or none."""
+        """Return the index of the command of which the number is the gain, or None."""
         return self.entry[-1] if self.entry and self.of.role == "gain" else None
 
     @property
     def shown_by(self) -> str:
-        """The motion that shows it; "" if nobody says."""
+        """Return the motion that shows the number, or "" if it is not documented."""
         return words_of(self.of.shown_by, self.entry)
 
     @property
     def label(self) -> str:
-        """Its short name for people; "" where its field lacks one, and off the diagonal of a matrix."""
+        """Return the short name of the number for people, "" without one and off the diagonal of a matrix."""
         diagonal = len(set(self.entry)) <= 1
         return words_of(self.of.label, self.entry) if diagonal else ""
 
 
 def words_of(words: Words, entry: tuple[int, ...]) -> str:
-    """The words of one entry."""
+    """Return the words of one entry."""
     if not entry:
         return words if isinstance(words, str) else words[0]
     first = entry[0]
@@ -88,7 +88,7 @@ def words_of(words: Words, entry: tuple[int, ...]) -> str:
 
 
 def default_free(blocks: FittedBlocks) -> list[str]:
-    """Paths, with entries."""
+    """Return the paths, with entries, that are free by default."""
     paths = [p for path in always_free(blocks) for p in entries(blocks, path)]
     terms = [(path, p) for path, p in all_parameters(blocks.model, "model") if p.role == "term"]
     terms_present = [
@@ -104,12 +104,12 @@ def always_free(blocks: FittedBlocks) -> list[str]:
 
 
 def acts_alone(model: Tree) -> bool:
-    """Return True where the model has an offset, as a steering that is a little off: a gyro's bias looks like it."""
+    """Return True if the model has an offset, such as a steering offset: a gyro's bias has the same effect."""
     return any(p.role == "offset" for _, p in all_parameters(model, "model"))
 
 
 def entries(blocks: FittedBlocks, path: str) -> list[str]:
-    """The numbers below `path`, each with its entry."""
+    """Return the paths of the numbers below `path`, each with its entry."""
     values = _value_at(blocks, path)
     if values.ndim == 0:
         return [path]
@@ -117,12 +117,12 @@ def entries(blocks: FittedBlocks, path: str) -> list[str]:
 
 
 def value(blocks: FittedBlocks, path: str) -> float:
-    """The number at `path`."""
+    """Return the number at `path`."""
     return float(_value_at(blocks, path))
 
 
 def described(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
-    """Unit and bounds of the number at `path`; `bounds` win over those of the field."""
+    """Return unit and bounds of the number at `path`; `bounds` take precedence over those of the field."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
     fields = dict(parameters(get(blocks, owner))) if owner else {}
@@ -143,7 +143,7 @@ def free_parameters(
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
 ) -> list[Free]:
-    """The free numbers, in order and once each; none if `free` is empty: then only what belongs to a run."""
+    """Return the free numbers, in order and once each; an empty list if `free` is empty."""
     paths = [p for path in requested_paths(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
     out = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
@@ -155,7 +155,8 @@ def free_parameters(
 
 
 def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
-    """The paths that are asked for: what is `needed` if nothing is named, or only what stands beside it."""
+    """Return the requested paths: the `needed` ones if `free` is None, these and the additions if all names begin
+    with "+", else only the names."""
     names = ["+"] if free is None else list(free)
     additions = [path.removeprefix("+") for path in names if path not in ("", "+")]
     return [*needed(), *additions] if names and all(path.startswith("+") for path in names) else additions
@@ -166,7 +167,7 @@ def enable_parameters(
 ) -> tuple[FittedBlocks, list[Free]]:
     """Prepare the model so that every free parameter affects the output; return it with the implied bounds.
 
-    u (N, n): all commands of the runs. `slots`: returns the number of rows that a delay needs.
+    u (N, n) are all commands of the runs. `slots` returns the number of rows that a delay needs.
 
     A delay gets a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor lies below the
     largest command, or the data cannot determine it. A free effect of the battery uses the logged voltage. Bounds on
@@ -202,7 +203,8 @@ def enable_parameters(
 
 
 def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
-    """The most that each friction may be, alone or with the others of its axis that are free."""
+    """Return the upper bound of each friction, shared with the other free frictions of its axis, at which the
+    motion stays integrable."""
     kept_model, out = kept(blocks.model), {}
     room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
@@ -219,7 +221,8 @@ def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[
 
 
 def _with_lines(blocks: FittedBlocks, late_s: float, slots: Callable[[float], int]) -> FittedBlocks:
-    """The blocks with a past that is long enough for a command `late_s` late and for the delays of the sensors."""
+    """Return the blocks with delay lines that are long enough for a command `late_s` late and for the delays of the
+    sensors."""
     sensors = [
         replace(sensor, delay_slots=slots(float(sensor.delay_s)))
         if has_field(sensor, "delay_slots")
@@ -233,7 +236,8 @@ def _with_lines(blocks: FittedBlocks, late_s: float, slots: Callable[[float], in
 def _room_for_low_pass(
     blocks: FittedBlocks, free: list[Free], rate_hz: float
 ) -> tuple[FittedBlocks, list[Free]]:
-    """A low-pass that is off begins at the rate of the ticks; far above, it does nothing that they show."""
+    """Set a low-pass that is off to the rate of the ticks, and limit it to HIGHEST times that rate, above which it
+    is without effect."""
     for parameter in free:
         if parameter.path.endswith(LOW_PASS):
             name = parameter.path.split(".")[1]
@@ -257,7 +261,7 @@ def _room_for_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tu
     )
     most = np.max(size, axis=0)
     most = np.array([most.max()]) if drivetrain.limit.shape == (1,) else most
-    most = most * (1.0 - 1e-9)  # the largest command itself is cut off, so that it tells
+    most = most * (1.0 - 1e-9)  # below the largest command, so that the limit has an effect
     paths = entries(blocks, LIMIT)
     begin = np.where(drivetrain.limit < most, drivetrain.limit, FIRST_LIMIT * most)
     limit = np.where(
@@ -280,14 +284,14 @@ def _with_lower_bound(parameter: Free, low: float) -> Free:
 
 
 def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
-    """The blocks with other numbers at `paths`; they may be traced. No range is checked here."""
+    """Return the blocks with other numbers at `paths`; they may be traced. No range is checked here."""
     for k, path in enumerate(paths):
         blocks = put(blocks, path, numbers[k])
     return blocks
 
 
 def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
-    """Indices of free entries that belong to a command which is 0 in all rows of u (N, n)."""
+    """Return the indices of free entries that belong to a command which is 0 in all rows of u (N, n)."""
     is_unused = ~np.any(u != 0.0, axis=0)
     return [k for k, parameter in enumerate(free) if parameter.column in np.flatnonzero(is_unused)]
 
@@ -308,7 +312,7 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
 
 
 def _near(field: str, entry: str, names: list[str]) -> Diagnostic:
-    """Return the path that was meant, with the `entry` that stood behind it, and those that are known."""
+    """Return a note with the similar path, including `entry`, and the known paths."""
     near = nearest(field, names)
     near = near if "meant" in near.figures else nearest(f"model.{field}", names)
     if "meant" not in near.figures or field in names:
@@ -317,13 +321,13 @@ def _near(field: str, entry: str, names: list[str]) -> Diagnostic:
 
 
 def _fields(blocks: FittedBlocks) -> list[str]:
-    """The paths of all parameters."""
+    """Return the paths of all parameters."""
     owners = {"model": blocks.model} | {f"sensors.{k}": x for k, x in blocks.sensors._asdict().items()}
     return [path for owner, block in owners.items() for path, _ in all_parameters(block, owner)]
 
 
 def _unit(text: str, first: int) -> str:
-    """The unit of one entry: "N, N, N m per unit of u" is one unit per row."""
+    """Return the unit of one entry: "N, N, N m per unit of u" is one unit per row."""
     parts = text.split(", ")
     unit = parts[min(first, len(parts) - 1)]
     tail = parts[-1].partition(" per ")[2]

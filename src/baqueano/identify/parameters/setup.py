@@ -1,4 +1,4 @@
-"""Second stage of a fit: what θ means, where its search begins, its bounds, and the rows that it is fitted to."""
+"""Set up θ, the second stage of a fit: its meaning, its start, its bounds, and the rows that it is fitted to."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -44,46 +44,46 @@ if TYPE_CHECKING:
     from baqueano.signals import ByName
 
 BIASES = ("accel_bias", "gyro_bias")
-POSE_S = 5.0  # of a piece, where a pose is used: a simulated heading wanders off
-SETTLED_LAGS = 8.0  # of the motors, after which 3e-4 is left of what they did before
+POSE_S = 5.0  # length of a segment if a pose is used: a simulated heading drifts away
+SETTLED_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state is left
 STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 
 class Shape(NamedTuple):
-    """Meaning of θ for one piece of a run."""
+    """Meaning of θ for one segment of a run."""
 
     shared: tuple[str, ...]  # paths that all runs share
-    own: tuple[str, ...]  # paths that each run has for itself: biases
+    own: tuple[str, ...]  # paths with one value per run: biases
     start: tuple[int, ...]  # entries of STARTS that are free
     sample_fraction: tuple[
         bool, ...
-    ]  # per sensor, whether its stamps lie between ticks, or its clock is free
+    ]  # per sensor, True if its stamps lie between ticks, or its clock is free
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
-    slots: int = 0  # rows before the newest that these need
-    volts: bool = False  # whether rows end with the battery's voltage
+    slots: int = 0  # rows before the newest that free clocks need
+    volts: bool = False  # True if rows end with the battery's voltage
 
     @property
     def by_run(self) -> tuple[str, ...]:
-        """Names of what each run has for itself."""
+        """Return the names of the entries that each run has separately."""
         return (*self.own, *(f"clock.{name}" for name in self.clocks))
 
     @property
     def size(self) -> int:
-        """Length of θ of one piece."""
+        """Return the length of θ of one segment."""
         return len(self.shared) + len(self.by_run) + len(self.start)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parameters:
-    """θ (p,): the parameters that all runs share first, then those of each run, then the start of each piece."""
+    """θ (p,): first the parameters that all runs share, then those of each run, then the start of each segment."""
 
-    blocks: FittedBlocks  # with room for what is free
-    requested: tuple[Free, ...]  # (q,) all parameters that were asked for
+    blocks: FittedBlocks  # prepared for the free parameters
+    requested: tuple[Free, ...]  # (q,) all requested parameters
     frozen: tuple[int, ...]  # those of them whose command never moved; they are not in θ
-    records: tuple[FitRecord, ...]  # per piece
+    records: tuple[FitRecord, ...]  # per segment
     shape: Shape
     layout: ThetaLayout
-    first: np.ndarray  # (p,) where the search begins
+    first: np.ndarray  # (p,) start of the search
     low: np.ndarray  # (p,)
     high: np.ndarray  # (p,)
 
@@ -101,8 +101,10 @@ def unknowns(
     rate_hz: float,
     options: FitOptions,
 ) -> Parameters:
-    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` as those of a Dataset.
-    UsageError where no command moved, or bounds and start values belong to no free parameter."""
+    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` is that of the Dataset.
+
+    Raise UsageError if no command moved, or if bounds or start values belong to no free parameter.
+    """
     _are_free(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
     options = for_sensors(options, blocks)
     for run in runs:
@@ -122,7 +124,10 @@ def unknowns(
 
 
 def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
-    """Return the options with segments where a pose is used. UsageError for a clock of a sensor that is not used."""
+    """Return the options, with segments if a pose is used.
+
+    Raise UsageError for a clock of a sensor that is not used.
+    """
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
@@ -132,7 +137,7 @@ def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
 
 
 def layout_of(shape: Shape, records: Sequence[FitRecord]) -> ThetaLayout:
-    """Return where the entries of each piece stand in θ."""
+    """Return the positions of the entries of each segment in θ."""
     runs = tuple(record.run for record in records)
     return ThetaLayout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
 
@@ -140,7 +145,7 @@ def layout_of(shape: Shape, records: Sequence[FitRecord]) -> ThetaLayout:
 def records_of(
     runs: Sequence[Run], blocks: FittedBlocks, channels: Mapping[str, list[int]], options: FitOptions
 ) -> list[FitRecord]:
-    """The rows of all runs, piece by piece."""
+    """Return the rows of all runs, segment by segment."""
     out, sensors = [], blocks.sensors._asdict()
     read = each(
         lambda run: record_of(run, sensors, channels, options.clocks),
@@ -160,10 +165,12 @@ def records_of(
 
 
 def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
-    """The record without what was measured before its own commands arrive, `late_s` after it begins with one:
-    what was sent before then is not known, and the start is found from what comes after. `late_s` is what the file
-    tells, also where the delay is free: a run from rest shows a delay by its first command. A run that begins without
-    a command was not driven before, and one shorter than twice that stays whole."""
+    """Return the record without the measurements before its own commands take effect, `late_s` after it begins.
+
+    Earlier commands are unknown, and the start is estimated from what follows. `late_s` is the delay of the file,
+    also if the delay is free: a run from rest shows a delay by its first command. The record stays whole if it
+    begins without a command (not driven before), or is shorter than twice `late_s`.
+    """
     ends = np.cumsum(record.dt_s)
     if not np.any(record.u[0]) or ends[-1] < 2.0 * late_s:
         return record
@@ -176,7 +183,7 @@ def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
 
 
 def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
-    """UsageError where a parameter has bounds and is not fitted."""
+    """Raise UsageError if a parameter has bounds and is not fitted."""
     for path in bounds:
         if not any(name == path or name.startswith(f"{path}[") for name in free):
             raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
@@ -193,8 +200,8 @@ def shape_of(
         fields = [f for f in zero_names if has_field(sensor, f)] if options.biases else []
         biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
         own += [p for p in biases if p not in paths and p not in own]
-    pieces = options.segment_s is not None
-    start = () if options.at_rest and not pieces else kept(blocks.model)
+    is_cut = options.segment_s is not None
+    start = () if options.at_rest and not is_cut else kept(blocks.model)
     if any(tells_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
     sample_fraction = tuple(
@@ -247,8 +254,8 @@ def first_theta(
 
 
 def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
-    """(3,) of the first pose that was measured, 0 without one; without a heading, the course of the first half of the
-    way."""
+    """Return the first measured pose (3,), or 0 without one. If the heading is missing, it is the course of the
+    first half of the way."""
     for name, sensor in blocks.sensors._asdict().items():
         readings = record.sensors[name]
         if tells_pose(sensor) and readings.has.any():
@@ -262,7 +269,7 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
 
 
 def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
-    """σ (m,) from {sensor: (m_s,)}."""
+    """Return σ (m,) from {sensor: (m_s,)}."""
     out = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):
         if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
@@ -275,7 +282,7 @@ def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray
 
 
 def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
-    """θ → the vehicle at the start of a piece."""
+    """Return the function θ → vehicle at the start of a segment."""
     paths = (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> Any:
@@ -291,7 +298,7 @@ def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray
 
 
 def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
-    """Return θ (p,) of the blocks as they are."""
+    """Return θ (p,) with the present values of the blocks."""
     paths = (*shape.shared, *shape.own)
     return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
 
@@ -299,7 +306,7 @@ def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
 def initial_state(
     blocks: FittedBlocks, shape: Shape
 ) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
-    """Return the function θ → (vehicle at the start of a piece, signal of each sensor until then)."""
+    """Return the function θ → (vehicle at the start of a segment, signal of each sensor until then)."""
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
@@ -313,7 +320,7 @@ def initial_state(
 def shown_by(
     sensors: ByName[Tree], signals: tuple[Signal, ...], motion: Motion, dt_s: Value
 ) -> tuple[list[np.ndarray], tuple[Signal, ...]]:
-    """Return h of each sensor at the end of a row (m,), and its signal."""
+    """Return h (m,) of each sensor at the end of a row, and its signal."""
     both = [
         step_signal(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)
     ]

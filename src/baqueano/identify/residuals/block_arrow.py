@@ -1,16 +1,15 @@
-"""Normal equations of a run in many pieces: an arrow, solved piece by piece.
+"""Solve the normal equations of a run in many segments: an arrow matrix, solved segment by segment.
 
-The start of a piece acts on its own piece alone, as the biases of a run do on the run. So their blocks never meet each
-other:
+The start of a segment affects only its own segment, and the biases of a run affect only that run. So the blocks of
+different segments are not coupled:
 
     ( S    B_1 … B_K ) ( x )   ( g   )
     ( B_kᵀ     W_k   ) ( y_k ) = ( g_k )                                                                  (1)
-
     (S − Σ B_k W_k⁻¹ B_kᵀ) x = g − Σ B_k W_k⁻¹ g_k,      y_k = W_k⁻¹ (g_k − B_kᵀ x)                        (2)
 
-x what all pieces share, y_k what piece k has for itself: K small solves and one of the size of x replace one of the
-size of all. Nothing of that size is ever stored. Source: Schur's complement, as in bundle adjustment (Brown 1958). What
-the data say of x with the starts taken out is the same complement: data/segments.py.
+x are the shared entries, y_k those of segment k. K small solves and one of the size of x replace one of full size, and
+no matrix of full size is stored. Source: Schur's complement, as in bundle adjustment (Brown 1958). The information on
+x with the starts eliminated is the same complement: data/segments.py.
 """
 
 from collections.abc import Sequence
@@ -21,24 +20,24 @@ import numpy as np
 
 from baqueano.identify.data.segments import ThetaLayout
 
-ENOUGH = 48  # entries of pieces, from which on (2) is faster than to solve all at once
+ENOUGH = 48  # entries of segments, from which on (2) is faster than to solve all at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Places of the parts of (1) in a vector (p,)."""
+    """Positions of the parts of (1) in a vector (p,)."""
 
     common: np.ndarray  # (s,) entries of x
     own: np.ndarray  # (K, q) entries of y_k
     is_own: np.ndarray  # (p,) bool
-    place: np.ndarray  # (p,) of an entry among those of x, or of its y_k
+    place: np.ndarray  # (p,) index of an entry in x, or in its y_k
 
 
 def places_of(layout: ThetaLayout, more: int = 0) -> Places | None:
-    """The parts of θ, and of `more` entries behind it that all share; None where little is of pieces alone."""
-    count, o, q = len(layout.runs), layout.by_run, layout.by_piece
+    """Return the parts of θ, and of `more` shared entries after it, or None if few entries belong to segments."""
+    count, o, q = len(layout.runs), layout.by_run, layout.by_segment
     own = layout.starts + np.arange(count * q).reshape(count, q)
-    if layout.runs == tuple(range(count)):  # a run of one piece: what is of the run is of the piece
+    if layout.runs == tuple(range(count)):  # runs of one segment: entries of the run belong to it
         own = np.hstack([layout.shared + np.arange(count * o).reshape(count, o), own])
     if count < 2 or own.size < ENOUGH:
         return None
@@ -60,17 +59,17 @@ class BlockArrow:
 
     @classmethod
     def of_diagonal(cls, places: Places, d: np.ndarray) -> "BlockArrow":
-        """diag(d) of d (p,)."""
+        """Return diag(d) of d (p,)."""
         x, y = d[places.common], d[places.own]
         s, (count, q) = len(x), y.shape
         return cls(places, np.diag(x), np.zeros((count, s, q)), y[:, :, None] * np.eye(q))
 
     def add(self, indices: np.ndarray, parts: np.ndarray) -> None:
-        """The matrices `parts` (K, n, n) of the pieces, whose rows stand at `indices` (K, n)."""
+        """Add the matrices `parts` (K, n, n) of the segments at the rows `indices` (K, n)."""
         is_own, at = (
             self.places.is_own[indices[0]],
             self.places.place[indices],
-        )  # in the same order in each piece
+        )  # in the same order in each segment
         common, own, k = at[:, ~is_own], at[:, is_own], np.arange(len(parts))[:, None, None]
         wide, tall = parts[:, ~is_own], parts[:, is_own]
         np.add.at(self.corner, (common[:, :, None], common[:, None, :]), wide[:, :, ~is_own])
@@ -79,22 +78,22 @@ class BlockArrow:
 
     @property
     def finite(self) -> bool:
-        """Return True where all entries are finite."""
+        """Return True if all entries are finite."""
         return all(np.isfinite(part).all() for part in (self.corner, self.border, self.blocks))
 
     def diagonal(self) -> np.ndarray:
-        """(p,)."""
+        """Return the diagonal (p,)."""
         return self._whole(self.corner.diagonal(), np.einsum("kii->ki", self.blocks))
 
     def __matmul__(self, v: np.ndarray) -> np.ndarray:
-        """Times v (p,): (p,)."""
+        """Return the product (p,) with v (p,)."""
         x, y = self._parts(v)
         up = self.corner @ x + np.einsum("ksq,kq->s", self.border, y)
         down = np.einsum("ksq,s->kq", self.border, x) + np.einsum("kqr,kr->kq", self.blocks, y)
         return self._whole(up, down)
 
     def solved(self, damping: float, scale: np.ndarray, free: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """(H + λ D)⁻¹ g (p,) over the entries `free` (p,) bool, D = diag(scale); 0 for the others.  (2)"""
+        """Return (H + λ D)⁻¹ g (p,) over the entries `free` (p,) bool, D = diag(scale), and 0 for the others.  (2)"""
         root = np.where(free, 1.0 / np.sqrt(np.where(free, scale, 1.0)), 0.0)
         (r, r_k), (h, h_k) = self._parts(root), self._parts(root * g)
         extra, extra_k = self._parts(np.where(free, damping, 1.0))
@@ -109,7 +108,7 @@ class BlockArrow:
         return root * self._whole(x, y)
 
     def dense(self) -> np.ndarray:
-        """(p, p)."""
+        """Return the matrix as a dense array (p, p)."""
         common, own = self.places.common, self.places.own
         H = np.zeros((len(self.places.place), len(self.places.place)))
         H[np.ix_(common, common)] = self.corner
@@ -136,12 +135,12 @@ class Evaluation(NamedTuple):
 
 
 def diagonal_matrix(diagonal: np.ndarray, places: Places | None) -> np.ndarray | BlockArrow:
-    """diag(diagonal) (p, p), to be summed into."""
+    """Return diag(diagonal) (p, p), to which parts can be added."""
     return np.diag(diagonal) if places is None else BlockArrow.of_diagonal(places, diagonal)
 
 
 def add(H: np.ndarray | BlockArrow, indices: Sequence[np.ndarray], parts: Sequence[np.ndarray]) -> None:
-    """To H the matrix (n, n) of each piece, whose rows stand at its `indices` (n,)."""
+    """Add to H the matrix (n, n) of each segment, at its rows `indices` (n,)."""
     if isinstance(H, BlockArrow):
         H.add(np.stack(indices), np.stack(parts))
         return
@@ -150,10 +149,10 @@ def add(H: np.ndarray | BlockArrow, indices: Sequence[np.ndarray], parts: Sequen
 
 
 def rows_times(H: np.ndarray | BlockArrow, index: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Rows `index` (n,) of H times v (p,)."""
+    """Return the rows `index` (n,) of H times v (p,)."""
     return (H @ v)[index] if isinstance(H, BlockArrow) else H[index] @ v
 
 
 def dense(H: np.ndarray | BlockArrow) -> np.ndarray:
-    """H (p, p) itself."""
+    """Return H as a dense array (p, p)."""
     return H.dense() if isinstance(H, BlockArrow) else H

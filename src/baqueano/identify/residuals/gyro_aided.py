@@ -1,15 +1,15 @@
-"""Residuals of a vehicle that has an IMU and no encoder: its gyro leads the simulation.
+"""Compute the residuals of a vehicle with an IMU and no encoder: its gyro leads the simulation.
 
-    ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its slope                             (1)
+    ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its derivative                        (1)
     r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
     r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands make of the ν_x of (1)                   (3)
     e = ω_z − h(ν_ψ),   S_e(f) = N (1 + ρ P_τ(f)),   N, ρ, τ by Whittle's likelihood                       (4)
     ω̂ = h(ν_ψ) + F⁻¹ [ρ P_τ/(1 + ρ P_τ)] F e,   P_τ of an Ornstein-Uhlenbeck process of variance 1         (5)
 
-Under (1) an error of the steering does not reach the speed by way of ν_ψ. A noisy ω_z in a regressor would draw what it
-multiplies towards 0, so it leads the first search alone; then ω̂, the mean of the true rate given gyro and model, does
-("regression calibration"). Where the model's rate is right, ρ = 0 and the model leads. Channels are weighed by
-noise_level.py, (4). Sources: Carroll, Ruppert, Stefanski and Crainiceanu 2006; Whittle 1953; Wiener 1949.
+With (1), an error of the steering does not affect the speed by way of ν_ψ. A noisy ω_z as a regressor would bias its
+coefficients towards 0, so it leads only the first search. Then ω̂ leads, the mean of the true rate given gyro and model
+("regression calibration"). If the model's rate is right, ρ = 0 and the model leads. Channels are weighted by (4) of
+noise_level.py. Sources: Carroll, Ruppert, Stefanski and Crainiceanu 2006; Whittle 1953; Wiener 1949.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,26 +33,26 @@ from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
-SETTLED = 3.0  # time constants after which a motor has forgotten
-EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
+SETTLED = 3.0  # time constants after which a motor has settled
+EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its derivative, at the end of the row
 RATIOS = np.geomspace(1.0 / 64.0, 1024.0, 33)  # ρ, and τ in ticks
 LASTS = np.geomspace(0.5, 256.0, 19)
 FAR = 6.0
 GAIN = 2.0
-FEWEST = 64  # rows of a piece, below which the gyro leads alone
+FEWEST = 64  # rows of a segment, below which the gyro leads alone
 
 
 class GyroAidedState(NamedTuple):
-    """State of the two simulations."""
+    """State of the two simulations, with and without the gyro."""
 
-    gyro_aided: Tree  # by the gyro
-    free: Any  # of it
+    gyro_aided: Tree  # led by the gyro
+    free: Any  # led by the commands
     signals: tuple[Signal, Signal]  # of the IMU on each of them
-    before: np.ndarray  # h of the row before (3,); (0,) where it is not needed
+    before: np.ndarray  # h of the previous row (3,); (0,) if it is not needed
 
 
 class GyroAidedResiduals(Residuals):
-    """The residuals (2), (3) of several runs as a function of one θ; only of an IMU."""
+    """Residuals (2), (3) of several runs as a function of one θ, for an IMU only."""
 
     def __init__(
         self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], backend: str = "auto"
@@ -67,7 +67,7 @@ class GyroAidedResiduals(Residuals):
         self._gyro = [rows[:, -EXTRA] for rows in self._rows]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece |ν_x| (N,) of the model that is led."""
+        """Return for each segment |ν_x| (N,) of the simulation that the gyro leads."""
         return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
     def following(self, theta: np.ndarray) -> "GyroAidedResiduals":
@@ -80,7 +80,7 @@ class GyroAidedResiduals(Residuals):
         return self.with_columns([-2, -1], leads)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece (N, 3): ν_x of the model that is led, and the gyro and its slope by the commands."""
+        """Return for each segment (N, 3): ν_x led by the gyro, and the gyro and its derivative led by the commands."""
         if self._speeds is None:
             self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
         return [
@@ -91,12 +91,13 @@ class GyroAidedResiduals(Residuals):
     def spread_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """σ (m,) and its profile (N, m) per piece, of residuals `misfits` at θ, by which channels are weighed."""
+        """Return σ (m,) and its profile (N, m) per segment, by which channels are weighted, from the residuals
+        `misfits` at θ."""
         dt_s = [record.dt_s for record in self.records]
         return profile_of_slow(misfits, self.has, self.speeds(theta), dt_s, floor)
 
     def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
-        """The gradient (p,) at θ if channel c had been measured smaller, by `scale`, and larger by `shift`."""
+        """Return the gradient (p,) at θ if the readings of channel c were divided by `scale` and raised by `shift`."""
         z = 1 + self._blocks.model.commands + c
         columns = [z, -2, -1] if c == 2 else [z]
         shifts = np.array([shift, shift, 0.0][: len(columns)])
@@ -105,9 +106,10 @@ class GyroAidedResiduals(Residuals):
 
 
 def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
-    """The record without what was measured while commands from before its first row may still have moved the
-    vehicle: nobody knows them. A delay that is free counts as the longest one, so that every search has the same rows,
-    wherever it begins."""
+    """Return the record without the first measurements, while unknown earlier commands may still move the vehicle.
+
+    A free delay counts as the longest one, so that every search has the same rows.
+    """
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
     late_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
     late_s += SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
@@ -118,7 +120,7 @@ def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: boo
 
 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
-    """The rows (N, q) with ω_z and its slope, as they were at the end of each."""
+    """Return the rows (N, q) with ω_z and its derivative at the end of each row added."""
     z, has, sample_fraction = record.sensors[imu]
     has_rate = has[:, 2] > 0.0
     if np.sum(has_rate) < 2:
@@ -164,8 +166,8 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    """Return (3,) from the same rows and θ: ν_x of the gyro-aided simulation, the gyro in that of the commands, and its
-    slope."""
+    """Return a scan from the same rows and θ to (3,): ν_x of the gyro-led simulation, the gyro reading by the
+    commands, and its derivative."""
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start = vehicle_at_start(blocks, shape)
 
@@ -186,7 +188,7 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
-    """One row of the simulation that is led.  (1)"""
+    """Return the function for one row of the gyro-led simulation.  (1)"""
     n = blocks.model.commands
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     turning = at_standstill._replace(nu=np.array([0.0, 0.0, 1.0]))
@@ -210,7 +212,7 @@ def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tu
 
 
 def turned(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
-    """The motion of a vehicle whose yaw rate and its slope are known, under an effort (n,)."""
+    """Return the motion of a vehicle with a known yaw rate and yaw acceleration, under an effort (n,)."""
     nu = model.init(nu=np.array([motion.nu[0], motion.nu[1], r])).nu
     nu_dot = model.nu_dot(nu, effort, motion.eta[2])
     nu_dot = np.array([nu_dot[0], nu_dot[1] + model.turning_arm_m * (r_dot - nu_dot[2]), r_dot])
@@ -218,7 +220,7 @@ def turned(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) 
 
 
 def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
-    """ν (3,) with another ν_x."""
+    """Return ν (3,) with another ν_x."""
     return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 
 
@@ -229,12 +231,12 @@ def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
 
 
 def _width(shape: Shape, n: int) -> int:
-    """q: entries of a row with `n` commands."""
+    """Return q, the number of entries of a row with `n` commands."""
     return 7 + n + sum(shape.sample_fraction) + shape.volts + EXTRA
 
 
 def slow_part(e: np.ndarray) -> np.ndarray:
-    """s (N,) of residuals e (N,) at steady ticks.  (4), (5)"""
+    """Return the slow part (N,) of residuals e (N,) at steady ticks.  (4), (5)"""
     n = len(e)
     if n < FEWEST:
         return e
@@ -249,7 +251,7 @@ def slow_part(e: np.ndarray) -> np.ndarray:
 
 
 def _ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
-    """ρ and τ of a periodogram without its mean; None where white noise says it as well.  (4)"""
+    """Return ρ and τ of a periodogram without its mean, or None if white noise explains it as well.  (4)"""
     white = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
     best, best_pair = white - GAIN, None
     for lasts in LASTS:
@@ -264,7 +266,7 @@ def _ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
 
 
 def _shape(lasts: float, n: int) -> np.ndarray:
-    """P_τ (n/2 + 1,) at the frequencies of a transform of n ticks, of a process that lasts `lasts` ticks.  (5)"""
+    """Return P_τ (n/2 + 1,) at the frequencies of a transform of n ticks, τ = `lasts` ticks.  (5)"""
     a = np.exp(-1.0 / lasts)
     return np.asarray(
         (1.0 - a * a) / (1.0 - 2.0 * a * np.cos(2.0 * np.pi * np.arange(n // 2 + 1) / n) + a * a)

@@ -1,13 +1,13 @@
-"""An extended Kalman filter over the velocity alone, small enough to be derived by all parameters of a fit.
+"""Run an extended Kalman filter over the velocity only, small enough to differentiate by all parameters of a fit.
 
     x̄ = f(x, e),   P̄ = G P Gᵀ + B diag(v) Bᵀ,               G = ∂f/∂x                                     (1)
     y_c = (z_c − h_c(x̄))/σ_c,   H = ∂h/∂x̄ / σ                                                              (2)
     Δ, P, e, s = correct(P̄, y, H, q),   weights w = 1/(1 + (e/G)⁸)                        (3) kalman.py
 
-x = ν; with a sensor of the pose x = (η, ν). v is the variance that the floor adds to ν in a second, along the axes of
-the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0 nothing is ever corrected, and e is the residual of
-the simulation. The weights are a gate made smooth: an outlier moves nothing and teaches nothing.
-A late sensor (delay, stamp between ticks) is compared with what was shown then, but linearised now.
+x = ν; with a sensor of the pose x = (η, ν). v is the variance that the floor adds to ν in one second, along the axes of
+the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0 there is never a correction, and e is the residual of the
+simulation. The weights are a smooth gate: an outlier has almost no effect on state and covariance.
+A late sensor (delay, stamp between ticks) is compared with its delayed prediction, but linearised at the present state.
 """
 
 from typing import Any, NamedTuple
@@ -32,8 +32,8 @@ from baqueano.vehicles import Effort, VehicleState
 from baqueano.vehicles.delay import SHORTEST_TICK_S
 from baqueano.vehicles.state import arrived
 
-GATE = 4.0  # G of (3): the gate of the other filter, made smooth
-UNSEEN = 1e-9  # a slope below which a sensor does not show the pose
+GATE = 4.0  # G of (3): the gate of the other filters, made smooth
+UNSEEN = 1e-9  # derivative below which a sensor does not depend on the pose
 
 
 class FilterState(NamedTuple):
@@ -41,12 +41,12 @@ class FilterState(NamedTuple):
 
     vehicle: VehicleState
     cov: np.ndarray  # (n, n) of ν, or of (η, ν)
-    signals: tuple[Signal, ...]  # per sensor, what went before
-    before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
+    signals: tuple[Signal, ...]  # per sensor, its past
+    before: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
 
 
 class PredictedState(NamedTuple):
-    """A vehicle one row on, before it is corrected."""
+    """State of a vehicle after one row, before the correction."""
 
     model: Tree
     before: VehicleState
@@ -56,13 +56,13 @@ class PredictedState(NamedTuple):
     mean: np.ndarray  # x̄ (n,)
 
     def motion(self, x: np.ndarray) -> Motion:
-        """Return the motion at the state x (n,), as sensors read it."""
+        """Return the motion at the state x (n,), as the sensors measure it."""
         eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
         return arrived(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[1]
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:
-    """The entries of `process_noise_std` that move ν; UsageError for a vehicle without one."""
+    """Return the entries of `process_noise_std` that move ν. Raise UsageError for a vehicle without this field."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _kick(model, 1.0)
@@ -70,7 +70,7 @@ def axes_of(model: Tree) -> tuple[int, ...]:
 
 
 def shows_pose(blocks: FittedBlocks) -> bool:
-    """Return True where a sensor measures the pose."""
+    """Return True if a sensor measures the pose."""
     rng = np.random.default_rng(0)
     nu, nu_dot, eta = rng.normal(size=(3, 3))
     slopes = [jacobian(lambda x, s=s: s.h(Motion(x, nu, nu_dot, np.zeros(2))))(eta) for s in blocks.sensors]
@@ -78,7 +78,7 @@ def shows_pose(blocks: FittedBlocks) -> bool:
 
 
 def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    """A scan over rows (dt, u, z, 1/σ, early) that puts out e (m,) and log s (m,), 0 without a measurement.
+    """Return a scan over rows (dt, u, z, 1/σ, early) with outputs e (m,) and log s (m,), 0 without a measurement.
 
     θ = (θ of the simulation, v of each axis, ½ log q of each channel).
     """
@@ -122,7 +122,7 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 def _prediction(
     model: Tree, state: FilterState, effort: Effort, dt_s: Value, v: dict[int, Any]
 ) -> tuple[PredictedState, np.ndarray]:
-    """The vehicle one row on, and P̄ (n, n).  (1)"""
+    """Return the state of the vehicle after one row, and P̄ (n, n).  (1)"""
     before = state.vehicle
 
     def f(x: np.ndarray) -> np.ndarray:
@@ -152,7 +152,7 @@ def _innovation(
     dt_s: Value,
     shape: Shape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
-    """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h, behind its low-pass."""
+    """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with the undelayed h."""
     gaps, slopes, lines, at, turn = [], [], [], 0, 0
     for k, sensor in enumerate(sensors):
         signal, shown_h = step_signal(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
@@ -169,7 +169,7 @@ def _innovation(
 
 
 def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
-    """The part of a change at the end of a row, grown in a straight line, that a low-pass lets through by then."""
+    """Return the part of a change, linear over the row, that passes the low-pass by the end of the row."""
     tau_s = low_pass_s(sensor)
     if isinstance(tau_s, float) and tau_s == 0.0:
         return 1.0
@@ -178,19 +178,19 @@ def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
 
 
 def _smooth_gate(number: int, e: Any, s: Any) -> Any:
-    """The weight of an innovation.  (3)"""
+    """Return the weight of an innovation.  (3)"""
     return 1.0 / (1.0 + (e / GATE) ** 8)
 
 
 def _kick(model: Tree, dt_s: Value) -> np.ndarray:
-    """B = ∂ν/∂noise (3, 3) over a row, per unit of `process_noise_std`."""
+    """Return B = ∂ν/∂noise (3, 3) over a row, per unit of `process_noise_std`."""
     unit = put(model, "process_noise_std", np.ones(3))
     u = np.zeros(model.commands)
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
 def _moved_state(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """η (3,) and ν (3,) after the correction."""
+    """Return η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
         return ahead.eta, ahead.mean + move
     x = boxplus(ahead.mean, move)
@@ -200,7 +200,7 @@ def _moved_state(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, n
 def _signals_after(
     lines: list[Any], slopes: list[Any], move: np.ndarray, sample_fraction: tuple[bool, ...]
 ) -> Any:
-    """The signals and h of this row, corrected too."""
+    """Return the signals and h of this row after the correction."""
     signals, before = [], []
     for (signal, h), slope, is_needed in zip(lines, slopes, sample_fraction, strict=True):
         now = h + slope @ move

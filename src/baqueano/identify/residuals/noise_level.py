@@ -1,15 +1,15 @@
-"""Noise level of each channel, from residuals of which a few may be wrong; steady, or growing with the speed v.
+"""Estimate the noise level of each channel from residuals with outliers: constant, or growing with the speed v.
 
     σ = 1.4826 median |r|                                                                                 (1)
     σ(v)² = σ₀² (1 + (κ v)²),   κ = arg min Σ_t log σ(v_t) + ½ min((r_t / σ(v_t))², FAR_BY_SPEED²)         (2)
     y_b = (Σ_t∈b r_t)² / n_b   over blocks b of BLOCK_S,   E y_b = S(v) = S₀ (1 + (κ v)²)                  (3)
     σ(v)² = max(S(v), variance of the single residuals at v)                                              (4)
 
-(1) over rows in which something happens (`telling`): an encoder that stands says 0 without noise. σ is never below what
-the converter's steps and the numbers themselves allow; of FEW measurements it is that of the vehicle file. (2) is the
-likelihood of a scale: gears, wheels and floor shake a vehicle the more, the faster it goes. (4) weighs a channel by
-what it knows of slow motion, in which friction and force are seen; of white residuals (4) is (2). A profile has mean
-square 1, and stays what it is while the parameters are searched.
+(1) uses only rows with motion (`telling`): an encoder at rest reads 0 without noise. σ is at least the limit of the
+converter's steps and of the numbers themselves; with few measurements (FEW) it is that of the vehicle file. (2) is the
+likelihood of a scale: gears, wheels and floor shake a vehicle more at a higher speed. (4) weights a channel by its
+information on slow motion, which shows friction and force; for white residuals (4) is (2). A profile has mean square 1,
+and stays fixed while the parameters are searched.
 """
 
 from collections.abc import Sequence
@@ -24,20 +24,20 @@ from baqueano.signals import ByName
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 SMALLEST = 1e-7  # of the largest measurement of a channel
 STILL = 1e-3  # of the largest measurement of a channel
-FEW = 30  # measurements, below which the sensor's own σ is believed
+FEW = 30  # measurements, below which σ is that of the file
 SPEED_RATIOS = np.array([0.0, *np.geomspace(0.125, 32.0, 17)])  # κ times the root mean square of the speed
 FAR_BY_SPEED = 3.0  # standard deviations
-ENOUGH = 50  # measurements of a channel, below which its noise is taken for steady
-GAIN = 5.0  # of the log-likelihood, that a growth must bring to be believed
+ENOUGH = 50  # measurements of a channel, below which its noise is taken as constant
+GAIN = 5.0  # least gain of the log-likelihood for a noise that grows with speed
 BLOCK_S = 1.0  # longer than a servo's or motor's lag, shorter than a manoeuvre
 FAR_OF_SLOW = 4.0
 FULL = 1.0 / 3.0  # part of a block that must have been measured
-FEWEST = 12  # blocks for (2)
+FEWEST = 12  # blocks for (3)
 SLOW_RATIOS = np.array([0.0, *np.geomspace(0.25, 16.0, 13)])  # κ times the root mean square of the speed
 
 
 def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
-    """σ (m,) of residuals (N, m) of several runs, in their own unit.  (1)"""
+    """Return σ (m,) of residuals (N, m) of several runs, in their own unit.  (1)"""
     m = residuals[0].shape[1]
     sigma = np.zeros(m)
     for c in range(m):
@@ -50,8 +50,8 @@ def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np
 def telling(
     residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], z: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """`has` (N, m), 0 also where the measurement z is exactly 0 and the model says so to STILL of the largest; as it
-    is for a channel that would be left with fewer than FEW rows."""
+    """Return `has` (N, m), set to 0 where the measurement z is exactly 0 and the model agrees within STILL of the
+    largest one. A channel that would keep fewer than FEW rows stays unchanged."""
     largest = np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
         axis=0,
@@ -65,7 +65,7 @@ def telling(
 
 
 def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
-    """(m,) below which no σ is believed: 1/√12 of a converter's step, and SMALLEST of the largest value."""
+    """Return the least σ (m,): 1/√12 of a converter's step, or SMALLEST of the largest value."""
     steps = np.concatenate([_steps(block) for block in blocks])
     largest = np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
@@ -75,7 +75,7 @@ def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequen
 
 
 def sigma_of_few(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
-    """(m,) σ of the sensors' own covariance for channels with FEW measurements or less; 0 for the others."""
+    """Return σ (m,) of the sensors' own covariance for channels with fewer than FEW measurements, else 0."""
     count = np.sum([presence.sum(axis=0) for presence in has], axis=0)
     own = [
         np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))
@@ -97,7 +97,7 @@ def profile_by_speed(
     speeds: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """σ (m,), and its profile (N, m) per piece, of residuals (N, m) at speeds (N,)."""
+    """Return σ (m,), and its profile (N, m) per segment, of residuals (N, m) at speeds (N,)."""
     v = np.concatenate(speeds)
     typical = max(float(np.sqrt(np.mean(v**2))), 1e-9)
     profile = [np.ones_like(r) for r in residuals]
@@ -116,7 +116,7 @@ def profile_by_speed(
 
 
 def _growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: float) -> float:
-    """κ times `typical` of (2)."""
+    """Return κ times `typical`, or 0 if the growth is not significant.  (2)"""
     costs = []
     for ratio in SPEED_RATIOS:
         g = np.sqrt(1.0 + (ratio * v / typical) ** 2)
@@ -134,7 +134,7 @@ def profile_of_slow(
     dt_s: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """σ (m,), and its profile (N, m) of mean square 1 per piece, of residuals (N, m) at speeds (N,).  (3)"""
+    """Return σ (m,) and its profile (N, m) of mean square 1 per segment, of residuals (N, m) at speeds (N,).  (4)"""
     sigma, profile = profile_by_speed(residuals, has, speeds, floor)
     out, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
@@ -162,7 +162,7 @@ def _blocks(
     speeds: Sequence[np.ndarray],
     dt_s: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """y (B,) of (1) and the mean of v² (B,), over the blocks of all pieces."""
+    """Return y (B,) of (3) and the mean of v² (B,), over the blocks of all segments."""
     sums, squares = [], []
     for r, w, v, dt in zip(residuals, has, speeds, dt_s, strict=True):
         block = (np.cumsum(dt) / BLOCK_S).astype(int)
@@ -174,7 +174,7 @@ def _blocks(
 
 
 def _growth_of_slow(y: np.ndarray, v_squared: np.ndarray, typical: float) -> tuple[float, float]:
-    """S₀ and κ.  (2)"""
+    """Return S₀ and κ.  (3)"""
     best = (np.inf, float(np.mean(y)), 0.0)
     for ratio in SLOW_RATIOS:
         kappa = ratio / typical

@@ -1,12 +1,12 @@
-"""The residuals of a simulation as one kernel, and the sum over runs of what the kernel says.
+"""Compute the residuals of a simulation with one kernel, and their sums over runs.
 
     x_k = step(vehicle(θ), x_{k−1}, u_k, dt_k),   x_0 from ν₀                                             (1)
     r_k = W_k (z_k − h_θ(x_k))                                                                            (2)
 
-W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W); for stamps
-between ticks it ends with the part of the step; there h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free,
-h is read from a line of the past (data/record.py). The model is simulated from its start to the end without a look at a
-measurement: simulation error, the cost `equ:cost_function` of Grotz et al.
+W is 1/σ of each channel, 0 without a measurement. A row of the kernel's input is (dt, u, z, W). For stamps between
+ticks the row ends with the part of the step; there h = h_k + early (h_{k−1} − h_k). If a sensor's clock is free, h is
+read from a delay line (data/record.py). The model is simulated from its start to the end without a correction by
+measurements: simulation error, the cost `equ:cost_function` of Grotz et al.
 docs/derivations/residuals_and_sensitivities.md has the rest.
 """
 
@@ -35,9 +35,9 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.delay import read, with_newest
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
-KEPT = 24  # kernels
-AT_HAND = 3  # answers of a problem: what it says at its end is asked for by all that judge it
-START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: ν of a start before which nothing was measured
+KEPT = 24  # kernels in the cache
+AT_HAND = 3  # cached results of a problem: several tests need those at its end
+START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: prior of ν of a start without earlier measurements
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 K = TypeVar("K")
 
@@ -46,16 +46,16 @@ class SimulationState(NamedTuple):
     """State of the simulation."""
 
     vehicle: Tree
-    signals: tuple[Signal, ...]  # per sensor, what went before
-    before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
-    lines: tuple[np.ndarray, ...]  # per sensor, h of many rows before (slots, m); (0, m) where not needed
+    signals: tuple[Signal, ...]  # per sensor, its past
+    before: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
+    lines: tuple[np.ndarray, ...]  # per sensor, h of earlier rows (slots, m); (0, m) if not needed
     steps_s: np.ndarray  # (slots,) the steps between them
 
 
 class Residuals:
-    """Residuals of several runs as a function of one θ. They do not change: `weighed` returns others.
+    """Residuals of several runs as a function of one θ. They are immutable: `weighed` returns new ones.
 
-    A residual of one's own is a subclass with another `difference`.
+    A custom residual is a subclass with another `difference`.
 
     Parameters
     ----------
@@ -107,10 +107,10 @@ class Residuals:
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
         self._prior = self._of_starts()
         self.sigma = np.ones(m)
-        self.weights = self._has  # per piece (N, m), 1/σ of each measurement, 0 where there is none
+        self.weights = self._has  # per segment (N, m), 1/σ of each measurement, 0 without one
         self._profile: Sequence[np.ndarray] | None = None
         self._answers: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
-        self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and what was asked for there
+        self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and the sensitivities there
 
     @classmethod
     def of(cls, parameters: Any, backend: str = "auto") -> Self:
@@ -119,16 +119,16 @@ class Residuals:
 
     @property
     def rows(self) -> list[np.ndarray]:
-        """Per piece what its kernel reads (N, q): dt, u, z, 1/σ, stamps."""
+        """Return for each segment the input rows (N, q) of its kernel: dt, u, z, 1/σ, stamps."""
         return self._rows
 
     @property
     def has(self) -> list[np.ndarray]:
-        """Per piece (N, m): 1 where there is a measurement."""
+        """Return for each segment (N, m), 1 at each measurement."""
         return self._has
 
     def signal(self) -> np.ndarray:
-        """(m,) standard deviation of the measurements of each channel, over all runs."""
+        """Return the standard deviation (m,) of the measurements of each channel, over all runs."""
         out = np.zeros(len(self.sigma))
         for c in range(len(out)):
             columns = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self._has, strict=True)]
@@ -136,8 +136,7 @@ class Residuals:
         return out
 
     def weighed(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
-        """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per piece where the noise is not the
-        same all the time."""
+        """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per segment if the noise varies."""
         if sigma is self.sigma and profile is self._profile:
             return self
         weights = [
@@ -149,18 +148,18 @@ class Residuals:
         return out
 
     def with_columns(self, at: Any, values: Sequence[np.ndarray]) -> Self:
-        """Return a copy whose rows hold `values` (N, k) per piece in the columns `at`."""
+        """Return a copy with `values` (N, k) per segment in the columns `at` of its rows."""
         out = copy(self)
         out._rows = self._each(lambda rows, index, x: _fill(rows, at, x), values)
         out._answers, out._slopes = OrderedDict(), (None, [])
         return out
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
-        """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
+        """Return the Huber cost, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
         return self._sum(theta, HUBER)
 
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
-        """Huber cost at θ if the rows of each piece were `rows_of` them."""
+        """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of` them."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> float:
             r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
@@ -170,7 +169,7 @@ class Residuals:
         return sum(self._each(of))
 
     def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
-        """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
+        """Return Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per segment for each residual."""
 
         def of(rows: np.ndarray, index: np.ndarray, weight: np.ndarray, factor: np.ndarray) -> np.ndarray:
             rows = _fill(rows, self._weights, weight * factor)
@@ -195,8 +194,8 @@ class Residuals:
         return Evaluation(cost, g, H)
 
     def _of_starts(self) -> np.ndarray:
-        """Return the weight (p,) of 0 for start velocities of segments, and of runs that begin without measurements,
-        else 0. Tyres forget a slip at once: without it slip and speed may run off together."""
+        """Return the weight (p,) of a prior at 0 for start velocities of segments and of runs that begin without
+        measurements, else 0. Tyres stop a slip at once; without the prior, slip and speed may diverge together."""
         prior = np.zeros(self.size)
         cut = len(self.records) > max(self.layout.runs) + 1
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
@@ -206,12 +205,13 @@ class Residuals:
         return prior
 
     def _each(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
-        """`work` of each piece's rows, index and so on, on all cores where that pays."""
+        """Return `work` of each segment's rows, index and further values, on all cores if that is faster."""
         rows = sum(map(len, self._rows)) if self.scan.backend == "c" else 0
         return each(work, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece r (N, m) in standard deviations; 0 without a measurement. Not to be written to."""
+        """Return for each segment r (N, m) in standard deviations, 0 without a measurement; do not modify the
+        arrays."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
             return np.asarray(self.scan.run(rows, theta[index])[1])
@@ -219,12 +219,12 @@ class Residuals:
         return self._once("residuals", theta, lambda: self._each(of))
 
     def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece z − h (N, m) in the sensors' units; 0 without a measurement."""
+        """Return for each segment z − h (N, m) in the sensors' units, 0 without a measurement."""
         out = zip(self.residuals(theta), self.weights, strict=True)
         return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece |ν_x| (N,) of the model."""
+        """Return for each segment |ν_x| (N,) of the model."""
         if self._speeds is None:
             self._speeds = _speed_kernel(self._blocks, self.shape, self.scan.backend)
         return [
@@ -235,15 +235,19 @@ class Residuals:
     def spread_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """σ (m,) and its profile (N, m) per piece, of residuals `misfits` at θ, where the noise grows with speed."""
+        """Return σ (m,) and its profile (N, m) per segment, from the residuals `misfits` at θ, for noise that grows
+        with speed."""
         has = telling(misfits, self.has, self.z)
         return profile_by_speed(misfits, has, self.speeds(theta), floor)
 
     def sensitivities(
         self, theta: np.ndarray, last: bool = False
     ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ. Kept for the next who
-        asks, and not to be written to but by the `last`, who takes them away."""
+        """Return for each segment r (N, m), ∂r (N, m, p_segment), and the positions of these entries in θ.
+
+        The result is cached for the next call and must not be modified. With `last` it is removed from the cache,
+        and the caller may modify it.
+        """
         key, (last_key, slopes) = theta.tobytes(), self._slopes
         if last_key != key:
             slopes = self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
@@ -251,7 +255,7 @@ class Residuals:
         return slopes
 
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece h (N, m), also where nothing was measured. Not to be written to."""
+        """Return for each segment h (N, m), also in rows without a measurement. The arrays must not be modified."""
 
         plain = self.difference is Residuals.difference
         kernel = self.scan
@@ -270,7 +274,7 @@ class Residuals:
         return self._once("predictions", theta, work)
 
     def _once(self, label: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
-        """`work()`, kept for whoever asks for the same again."""
+        """Return `work()`, cached by `label` and θ."""
         key = label, theta.tobytes()
         if key not in self._answers:
             self._answers[key] = work()
@@ -280,7 +284,7 @@ class Residuals:
 
 
 def _fill(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
-    """Return a copy of `rows` (N, q) with `values` in the columns `at`, that is not to be written to."""
+    """Return a read-only copy of `rows` (N, q) with `values` in the columns `at`."""
     out = rows.copy()
     out[:, at] = values
     out.flags.writeable = False
@@ -288,7 +292,8 @@ def _fill(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
 
 
 def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
-    """(N, q): dt, u, z of all sensors, W of all sensors, early of those that need it."""
+    """Return rows (N, q): dt, u, z of all sensors, W of all sensors, the part of the step of sensors that need it,
+    the battery voltage."""
     readings = [record.sensors[name] for name in names]
     columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.has for s in readings)]
     for s, is_needed in zip(readings, shape.sample_fraction, strict=True):
@@ -304,7 +309,8 @@ def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
 def cached_kernel(
     blocks: FittedBlocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
 ) -> K:
-    """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
+    """Return `traced(blocks, shape, backend, *more)`, cached for later fits with the same structure and the same
+    fixed numbers."""
     shape_blocks = blocks
     for path in (*shape.shared, *shape.own):
         shape_blocks = put(shape_blocks, path, 0.0)
@@ -366,7 +372,7 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
 
 
 def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    """ν_x of the model, from the same rows and θ."""
+    """Return a scan from the same rows and θ to ν_x of the model."""
     moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
@@ -379,12 +385,12 @@ def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:
-    """The NamedTuple of the named sensor blocks."""
+    """Return the NamedTuple of the named sensor blocks."""
     return sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
 
 
 def _print(tree: Any) -> Any:
-    """A hashable copy of all numbers in a tree of blocks: two trees with the same print trace alike."""
+    """Return a hashable copy of all numbers in a tree of blocks. Two trees with the same copy give the same trace."""
     if is_dataclass(tree) and not isinstance(tree, type):
         return (type(tree), *(_print(getattr(tree, f.name)) for f in fields(tree)))
     if isinstance(tree, np.ndarray):

@@ -1,1 +1,1 @@
-"""From a finished search to a Fit."""
+"""Conversion of a finished search to a Fit."""

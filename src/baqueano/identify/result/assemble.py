@@ -1,4 +1,4 @@
-"""A finished search → a `Fit`: from θ of all runs back to named parameters, sentences and a verdict."""
+"""Assemble the `Fit` of a finished search: named parameters, messages and a verdict from θ of all runs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
-from baqueano.identify.covariance.information import COLOUR, covariance_of, inverse
+from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, inverse
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
 from baqueano.identify.data.added_channels import MOUNT, TRUTH
 from baqueano.identify.data.record import FittedBlocks
@@ -27,21 +27,21 @@ from baqueano.language import translated as _
 if TYPE_CHECKING:
     pass
 
-HELD_BACK = 3.0  # standard errors that a parameter would go beyond its bound: less is where chance puts it
+HELD_BACK = 3.0  # standard errors beyond its bound: a parameter that would move less may be there by chance
 
 
 class VerdictBasis(NamedTuple):
-    """A finished search before its verdict: errors, diagnostics, bounds."""
+    """Data for the verdict on a finished search: errors, diagnostics, bounds."""
 
     cov: np.ndarray  # (p, p) of θ
-    off: Mapping[str, float]  # by how much a parameter, by path, may be off for what is missing
+    off: Mapping[str, float]  # path → possible error of a parameter by effects that the model lacks
     evidence: Evidence
-    held_back: np.ndarray  # (p,) −1 or 1 where a bound holds a parameter back by more than chance
-    never: tuple[Diagnostic, ...]  # what the vehicle can never show
+    held_back: np.ndarray  # (p,) −1 or 1 if a bound holds a parameter back significantly
+    never: tuple[Diagnostic, ...]  # parameters that the vehicle can never show
 
 
 def verdict_basis(end: FinishedFit) -> VerdictBasis:
-    """Return all that a verdict on a finished search rests on."""
+    """Return all data on which the verdict on a finished search depends."""
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
     unobservable_terms, never = _unobservable(end)
@@ -52,25 +52,27 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
 
 
 def only_autocorrelated(basis: VerdictBasis) -> bool:
-    """Return whether colour and size of the residuals are all that speaks against a fit."""
+    """Return True if autocorrelation and size of the residuals are the only doubts about a fit."""
     with_prior = basis.evidence._replace(bound=basis.held_back)
     return (
         verdict_of(with_prior)[0] == Verdict.WARN
-        and verdict_of(_without_colour(with_prior))[0] == Verdict.USABLE
+        and verdict_of(_without_autocorrelation(with_prior))[0] == Verdict.USABLE
     )
 
 
-def _without_colour(evidence: Evidence) -> Evidence:
-    """The evidence without the colour and the size of residuals, which a floor explains."""
+def _without_autocorrelation(evidence: Evidence) -> Evidence:
+    """Return the evidence without autocorrelation and size of the residuals, which process noise explains."""
     messages = tuple(message for message in evidence.messages if message.code != "residual.autocorrelated")
-    return evidence._replace(messages=messages, prior_sigma=None, colour=np.zeros(len(evidence.colour)))
+    return evidence._replace(
+        messages=messages, prior_sigma=None, autocorrelation=np.zeros(len(evidence.autocorrelation))
+    )
 
 
 def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
-    """Return the Fit of a finished search, of which all may be `basis` already."""
+    """Return the Fit of a finished search; `basis` saves its computation if it is known."""
     basis = verdict_basis(end) if basis is None else basis
     problem, solution = end.task.problem, end.search.solution
-    evidence = _without_colour(basis.evidence) if end.floor else basis.evidence
+    evidence = _without_autocorrelation(basis.evidence) if end.floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.held_back))
     s = len(problem.shape.shared)
     shared_cov = widened(_spread_out(end, basis.cov[:s, :s]), evidence.names, basis.off)
@@ -108,7 +110,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
-    """All diagnostics of the fit, and by how much they say that parameters are off."""
+    """Return all diagnostics of the fit, and by path the errors of parameters that they cause."""
     if (
         not end.ask
         or end.search.stopped
@@ -120,8 +122,8 @@ def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], M
 
 
 def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
-    """Return by how many of its errors each shared entry of θ (s,) would move if no bound held it; inf where nobody
-    asked."""
+    """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds;
+    inf if no test was requested."""
     s, solution = end.task.problem.layout.shared, end.search.solution
     if not end.ask or end.search.stopped:
         return np.full(s, np.inf)
@@ -146,9 +148,9 @@ def _evidence(
         _in_order(end, end.identifiability.weak[:s], False).astype(bool),
         len(end.frozen),
         unobservable_terms,
-        _channels(end.task.problem, solution.theta, end.search.sigma, end.info.colour),
+        _channels(end.task.problem, solution.theta, end.search.sigma, end.info.autocorrelation),
         solution.converged,
-        end.info.colour,
+        end.info.autocorrelation,
         None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks),
         doubts,
         _weakly(end),
@@ -158,12 +160,12 @@ def _evidence(
 
 
 def _is_interrupted(end: FinishedFit, text: str) -> bool:
-    """Report the next stage; return True if the caller asked to stop."""
+    """Report the next stage; return True if the caller requested to stop."""
     return end.task.say is not None and end.task.say(text) is True
 
 
 def _covariance(end: FinishedFit) -> np.ndarray:
-    """Of θ (p, p), NaN for what was held."""
+    """Return the covariance of θ (p, p), NaN for fixed entries."""
     identifiable = np.flatnonzero(end.identifiability.mask)
     full = np.full((len(end.identifiability.mask), len(end.identifiability.mask)), np.nan)
     if len(identifiable):
@@ -171,11 +173,11 @@ def _covariance(end: FinishedFit) -> np.ndarray:
         if not end.filtered:  # the innovations of a filter are white
             problem, theta = end.task.problem, end.search.solution.theta
             k = int(np.sum(identifiable < problem.layout.shared))
-            for by_piece in (False, True):
+            for by_segment in (False, True):
                 blocks = jackknife(
-                    problem, theta, identifiable, end.info.bread, alike=True, by_piece=by_piece
+                    problem, theta, identifiable, end.info.bread, alike=True, by_segment=by_segment
                 )
-                cov = no_smaller(problem, cov, blocks, k, by_piece)
+                cov = no_smaller(problem, cov, blocks, k, by_segment)
         full[np.ix_(identifiable, identifiable)] = (
             cov if end.systematic is None else cov + end.systematic[np.ix_(identifiable, identifiable)]
         )
@@ -185,8 +187,8 @@ def _covariance(end: FinishedFit) -> np.ndarray:
 def _own(
     problem: Residuals, theta: np.ndarray, sd: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Names (q,), values and standard errors (runs, q) of what each run has for itself; the starts among them
-    where runs are whole."""
+    """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately. The
+    starts are included if runs are whole."""
     layout, shape = problem.layout, problem.shape
     runs, s = max(layout.runs) + 1, layout.shared
     by_run = theta[s : layout.starts].reshape(runs, -1)
@@ -199,12 +201,12 @@ def _own(
 
 
 def _runs(problem: Residuals) -> tuple[str, ...]:
-    """Names of the runs, each once."""
+    """Return the names of the runs, each once."""
     return tuple({record.run: record.name for record in problem.records}.values())
 
 
 def _in_order(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
-    """Values of the shared entries of θ in the order of `requested`, `rest` for the frozen ones."""
+    """Return the values of the shared entries of θ in the order of `requested`, with `rest` for the frozen ones."""
     out = np.full(len(end.requested), rest, dtype=float)
     out[end.in_theta] = values
     return out
@@ -223,15 +225,17 @@ def _start(end: FinishedFit) -> np.ndarray:
 
 
 def _channels(
-    problem: Residuals, theta: np.ndarray, sigma: np.ndarray, colour: np.ndarray
+    problem: Residuals, theta: np.ndarray, sigma: np.ndarray, autocorrelation: np.ndarray
 ) -> tuple[ChannelFit, ...]:
-    """Channel by channel of each run, in the order of the sensors."""
+    """Return the channels of each run, in the order of the sensors."""
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    pieces = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
+    segments = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
 
     def of(run: int, record_name: str) -> list[ChannelFit]:
         own = [
-            (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :]) for r, h, z, w in pieces if r.run == run
+            (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :])
+            for r, h, z, w in segments
+            if r.run == run
         ]
         t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
         out = []
@@ -240,7 +244,7 @@ def _channels(
             measured = np.where(finite, z[:, c], np.nan)
             part = explained(z[finite, c], h[finite, c], sigma[c])
             channel = ChannelFit(
-                record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
+                record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(autocorrelation[c])
             )
             out.append(channel)
         return out
@@ -251,7 +255,7 @@ def _channels(
 
 
 def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
-    """1 − var(z − h) / var(z), residuals beyond 4 σ clipped; NaN without measurements."""
+    """Return 1 − var(z − h) / var(z), with residuals beyond 4 σ clipped; NaN without measurements."""
     if len(z) < 2:
         return float("nan")
     residuals = np.clip(z - h, -4.0 * sigma, 4.0 * sigma)
@@ -260,7 +264,7 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 
 
 def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return findings on parameters that a better run would show, and on those that no run can."""
+    """Return findings on parameters that a better run would show, and on those that no run can show."""
     unobservable_terms, never = [], []
     columns: dict[int, list[Free]] = {}
     for parameter in (end.requested[k] for k in end.frozen):
@@ -285,7 +289,7 @@ def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 
 def _moving(end: FinishedFit) -> str:
-    """The parameter that a search that did not converge would still move furthest, in its errors; "" if none."""
+    """Return the parameter that a search without convergence would still move most, in standard errors, or ""."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     may = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
     A, g = end.info.bread[np.ix_(may, may)], solution.at.gradient[may]
@@ -304,14 +308,14 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
         messages += [replace(message, figures={**message.figures, **of_run}) for message in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    colours = list(zip(labels, end.info.colour, strict=True))
-    messages += [note("residual.not-white", subject=label) for label, c in colours if c > COLOUR]
-    messages += [note("residual.alternates", subject=label) for label, c in colours if c < -COLOUR]
+    labelled_sums = list(zip(labels, end.info.autocorrelation, strict=True))
+    messages += [note("residual.not-white", subject=label) for label, c in labelled_sums if c > WHITE_LIMIT]
+    messages += [note("residual.alternates", subject=label) for label, c in labelled_sums if c < -WHITE_LIMIT]
     return tuple(messages)
 
 
 def _sums(end: FinishedFit) -> list[Diagnostic]:
-    """Return a note on each pair of parameters of which a run shows the sum only."""
+    """Return a note on each pair of parameters of which a run shows only the sum."""
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
     tilted_names = [
         name for name, block in blocks
@@ -330,7 +334,7 @@ def _any_of(paths: tuple[str, ...], key: str) -> bool:
 
 
 def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
-    """Over what time and way model and truth were compared."""
+    """Return notes on the time and way over which model and truth were compared."""
     if TRUTH not in problem.names:
         return []
     at, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
@@ -346,14 +350,14 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 
 
 def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
-    """Return a note that names the file for a fitted place of the mark: the map, not the vehicle file."""
+    """Return a note on a fitted position of the mark, which belongs to the map and not to the vehicle file."""
     own = zip(problem.shape.shared, theta, strict=False)
     values = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
     return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
 
 
 def sigma_of_file(blocks: FittedBlocks) -> np.ndarray:
-    """(m,) standard deviations of the sensors in the file; 0 where it tells none."""
+    """Return the standard deviations (m,) of the sensors in the file, 0 where it contains none."""
     out = []
     for sensor in blocks.sensors:
         cov = getattr(sensor, "cov", np.zeros((sensor.size, sensor.size)))
@@ -367,7 +371,7 @@ def _by_sensor(problem: Residuals, sigma: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
-    """The blocks with the estimates; biases are the mean over the runs."""
+    """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
     own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.own)]

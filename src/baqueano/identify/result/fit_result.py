@@ -1,4 +1,4 @@
-"""The answer of a fit: estimates with their error bars, what was not seen, what is left, and a verdict."""
+"""Result of a fit: estimates with error bars, parameters that do not show, residuals, and a verdict."""
 
 from dataclasses import dataclass, field
 from datetime import date
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
     from baqueano.vehicle_file.envelope import Envelope
 
-LISTED = 8  # runs, above which a table tells them together
-REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the word on the others at most 14
+LISTED = 8  # runs, above which a table summarises them
+REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the line on the others at most 14
 BOUNDS = {"low": N_("at its low bound"), "high": N_("at its high bound")}
 MEANS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
 
@@ -38,39 +38,39 @@ class ChannelFit(NamedTuple):
     sensor: str
     entry: int
     t_s: np.ndarray  # (N,)
-    measured: np.ndarray  # (N,) NaN where there is none
+    measured: np.ndarray  # (N,) NaN without a measurement
     predicted: np.ndarray  # (N,)
     sigma: float  # of its noise
     explained: float  # part of the measurements' variance that the model explains, outliers clipped
-    colour: float  # sum of the autocorrelation of what is left, 0 for white
+    autocorrelation: float  # sum of the autocorrelation of the residuals, 0 for white noise
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Fit(Result):
-    """Parameters of a vehicle with their error bars, and a verdict. NaN where the data show nothing.
+    """Parameters of a vehicle with their error bars, and a verdict. NaN marks parameters that the data do not show.
 
     Parameters
     ----------
     names, units : tuple of str (p,)
         Dotted paths of the vehicle file, with entries, in the order of `free`; their units.
     start : ndarray (p,)
-        Where the search began.
+        Start of the search.
     estimate, sd : ndarray (p,)
-        Estimates, and their standard errors; NaN where the start was kept.
+        Estimates, and their standard errors; NaN if the start was kept.
     bound : ndarray (p,)
         −1 at the low bound, 1 at the high one, 0 inside.
     weak : ndarray of bool (p,)
         Poorly identified.
     cov : ndarray (p, p)
-        Covariance of the estimates; NaN where not identifiable.
+        Covariance of the estimates; NaN if not identifiable.
     own_names : tuple of str (q,)
-        What each run has for itself: biases, clocks, starts.
+        Names of the entries that each run has separately: biases, clocks, starts.
     own, own_sd : ndarray (runs, q)
         Their estimates and standard errors.
     unobservable : tuple of Diagnostic
-        What a better run would show.
+        Parameters that a better run would show.
     never : tuple of Diagnostic
-        What this vehicle can never show.
+        Parameters that this vehicle can never show.
     verdict : Verdict
         USABLE, WARN or REFUSED.
     reasons, notes : tuple of Diagnostic
@@ -86,11 +86,11 @@ class Fit(Result):
     cost : float
         Huber cost at the end.
     evaluations : int
-        Of the cost.
+        Number of evaluations of the cost.
     runs : tuple of str
         Names of the runs.
     backend : str
-        Of the kernels.
+        Backend of the kernels.
     file : VehicleFile
         The file that was fitted.
     blocks : FittedBlocks
@@ -136,29 +136,29 @@ class Fit(Result):
 
     @property
     def findings(self) -> tuple[Diagnostic, ...]:
-        """All that is to be said: the reasons of the verdict, what was not seen, and notes."""
+        """Return all diagnostics: the reasons of the verdict, unobservable parameters, and notes."""
         return (*self.reasons, *self.unobservable, *self.never, *self.notes)
 
     @property
     def correlation(self) -> np.ndarray:
-        """(p, p)."""
+        """Return the correlation of the estimates (p, p)."""
         return self.cov / np.outer(self.sd, self.sd)
 
     @property
     def interval(self) -> np.ndarray:
-        """(p, 2) 95 % intervals."""
+        """Return the 95 % interval of each parameter (p, 2)."""
         half = QUANTILE_95 * self.sd
         return np.stack([self.estimate - half, self.estimate + half], axis=1)
 
     def value(self, name: str) -> float:
-        """The estimate of one parameter by its path; NaN if it was not observable. UsageError if it was not fitted."""
+        """Return the estimate of one parameter by its path, NaN if it was not identifiable. Raise UsageError if it
+        was not fitted."""
         if name not in self.names:
             raise UsageError(self._not_fitted(name))
         return float(self.estimate[self.names.index(name)])
 
     def _not_fitted(self, name: str) -> Diagnostic:
-        """Return what to type for a name that was not fitted: how to free it, if it is a parameter, else the name that
-        is near."""
+        """Return the message for a name that was not fitted: the way to free this parameter, or a similar name."""
         try:
             own = [described(self.blocks, path, {}).path for path in entries(self.blocks, name)]
         except UsageError:
@@ -170,11 +170,11 @@ class Fit(Result):
 
     @property
     def vehicle_file(self) -> "VehicleFile":
-        """The file with the estimates in it, and where they come from. REFUSED fits change nothing."""
+        """Return the file with the estimates and their origin. A REFUSED fit changes nothing."""
         return self.updated()
 
     def updated(self, on: date | None = None) -> "VehicleFile":
-        """The file with the estimates, dated `on`, else today."""
+        """Return the file with the estimates, dated `on`, by default today."""
         if self.verdict == Verdict.REFUSED:
             return self.file
         from baqueano.identify.result.to_vehicle_file import file_of_fit
@@ -182,7 +182,7 @@ class Fit(Result):
         return file_of_fit(self, on)
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per parameter; None where it is not known."""
+        """Return one flat row per parameter, with None for unknown values."""
         out = []
         for k, name in enumerate(self.names):
             is_identified = bool(np.isfinite(self.estimate[k]))
@@ -217,8 +217,8 @@ class Fit(Result):
         return shortened([head], rows, verdict_lines(self)[:3])
 
     def table(self, reported: bool = False) -> str:
-        """Return the table for people, and the gravest diagnostics below it. `reported`: all are in a report,
-        which need not be asked for."""
+        """Return the table as text, with the most severe diagnostics below it. `reported` is True if a report with
+        all of them is written."""
         wide = max(map(len, (*map(short, self.names), _("parameter"))))
         lines = [f"{_('parameter'):{wide}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
         for row in self.rows():
@@ -239,7 +239,7 @@ class Fit(Result):
         return "\n".join(lines)
 
     def run_by_run(self) -> list["TableRow"]:
-        """One flat row per run and number that each has for itself, sd None where the run does not show it."""
+        """Return one flat row per run and entry of the run; sd is None if the run does not show it."""
         return [
             {
                 "run": run,
@@ -252,7 +252,7 @@ class Fit(Result):
         ]
 
     def _per_run_lines(self) -> list[str]:
-        """Return lines on the numbers of each run that the user requested; biases and starts are left out."""
+        """Return lines on the entries of each run that the user requested; biases and starts are left out."""
         rows = [row for row in self.run_by_run() if requested(row["name"])]
         if len(self.runs) > LISTED:
             return self._per_run_summary(rows)
@@ -264,7 +264,7 @@ class Fit(Result):
         return [*out, ""] if out else []
 
     def _per_run_summary(self, rows: list["TableRow"]) -> list[str]:
-        """One line a number, of all runs."""
+        """Return one line per entry, a summary of all runs."""
         out = []
         for name in dict.fromkeys(row["name"] for row in rows):
             x = [row["estimate"] for row in rows if row["name"] == name]
@@ -288,7 +288,7 @@ class Fit(Result):
             return self._channels_together()
         for c in self.channels:
             if not np.isfinite(c.explained):
-                continue  # it took no part
+                continue  # it was not fitted
             place = f"{c.sensor}[{c.entry}]"
             place = _("{channel} of {run}", channel=place, run=c.run) if len(self.runs) > 1 else place
             unit = channel_unit(self.file, c.sensor, c.entry)
@@ -305,7 +305,7 @@ class Fit(Result):
         return out
 
     def _channels_together(self) -> list[str]:
-        """One line per channel, of all runs: the middle one, and the one that is explained least."""
+        """Return one line per channel on all runs: the median run, and the one of which the model explains least."""
         out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained)]
         for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in finite_channels):
             same = sorted(
@@ -330,19 +330,19 @@ class Fit(Result):
 
 
 def requested(name: str) -> bool:
-    """Is this own number of a run one that somebody asked for, and no bias or start?"""
+    """Return True if the user requested this entry of a run, which excludes biases and starts."""
     return not name.startswith("start.") and "_bias" not in name
 
 
 def rounded(value: float, sd: float | None) -> float:
-    """A value to three digits beyond the first of its standard error: 9e-8 ± 0.05 is 0."""
+    """Return a value rounded to three digits beyond the first of its standard error: 9e-8 ± 0.05 is 0."""
     if sd is None or not sd > 0.0:
         return value
     return round(value, 3 - int(np.floor(np.log10(sd))))
 
 
 def marks(row: dict[str, Any]) -> str:
-    """Return the marks of a row of `Fit.rows()`, "" without any."""
+    """Return the remarks on a row of `Fit.rows()`, "" without any."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
         return _("not identifiable")
@@ -358,7 +358,7 @@ def marks(row: dict[str, Any]) -> str:
 
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
-    """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
+    """Return the verdict, its reasons, unobservable parameters and notes. `reported`: the rest is in a report."""
     lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
     reasons, unobservable, notes = (grouped(by_weight(messages)) for messages in lists)
     if len(reasons) == 1:

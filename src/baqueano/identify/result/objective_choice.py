@@ -1,15 +1,17 @@
-"""Choice between two costs: θ̂ of the simulation error or θ̃ of the innovations.
+"""Choose between two costs: θ̂ of the simulation error or θ̃ of the innovations.
 
     θ_b − θ = (A − A_b)⁻¹ g_b        of either fit, without block b of BLOCK_S (jackknife.py)             (1)
     D_b = C_b(θ̃_b) − C_b(θ̂_b),      z = Σ D_b / √(n var D_b)   over n blocks                              (2)
     t_i = (θ̂ − θ̃)_i / √((n − 1)/n Σ_b (δ_b − δ̄)_i²),   δ_b = θ̂_b − θ̃_b                                   (3)
 
-C_b is the cost of an open-loop simulation of a held-out block. (3) is Hausman's test: both fits are consistent where
-the model is right. docs/derivations/robust_covariance.md says why.
+C_b is the cost of an open-loop simulation of a held-out block. (3) is Hausman's test: both fits are consistent if the
+model is right. docs/derivations/robust_covariance.md gives the reasons. The choice is
+
     process noise is 0                        the simulation: both agree, and it is the harder test of a model
     noise, one θ, ΣD_b below 0                the innovations: errors of the simulation are a random walk
     noise, one θ, ΣD_b above 0 by chance      the simulation: nothing is gained
-    two θ, or a larger error                  the simulation, with a warning: the model lacks something
+    two θ, or a larger error                  the simulation, with a warning: the model lacks an effect
+
 Sources: Stone 1974 for (2); Hausman 1978 for (3); Quenouille 1956 for (1).
 """
 
@@ -36,26 +38,26 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.identify.result.verdict import ABOVE_NOISE
 from baqueano.language import number
 
-RARE = 1e-3  # chance below which a still floor is not believed
+RARE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")
-WORSE = 0.05  # chance below which the left-out error of the innovations' answer is larger by more than chance
-TWO = 0.01  # chance below which two answers are not one
+WORSE = 0.05  # probability below which the left-out error of the innovations' fit is significantly larger
+TWO = 0.01  # probability below which the two fits differ significantly
 
 
 class ObjectiveChoice(NamedTuple):
-    """The cost to believe, and the reason."""
+    """The chosen cost, and the reason."""
 
     cost: str  # "simulation" or "innovations"
     reason: Diagnostic
-    explains: bool  # the floor what a simulation leaves
-    contradicted: bool = False  # the floor, by two answers or by a larger error
+    explains: bool  # True if process noise explains the residuals of the simulation
+    contradicted: bool = False  # True if two different fits or a larger error contradict process noise
 
 
 def choose_objective(
     likely: MaximumLikelihood, axes: Sequence[int], both: "LeftOutBlocks | None", times: np.ndarray
 ) -> ObjectiveChoice:
-    """Return which to believe; `times` (m,) is the noise of the sensors without the floor in units of the file's, 0
-    where that tells none."""
+    """Return the choice of the cost. `times` (m,) is the sensor noise without the floor's part, relative to that of
+    the file, 0 if the file does not contain it."""
     odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
     if likely.chance >= RARE:
         return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)
@@ -73,7 +75,7 @@ def choose_objective(
 
 
 def _open_loop(both: "LeftOutBlocks") -> Diagnostic:
-    """Return how the answer by the innovations does on segments that were left out."""
+    """Return a note on the open-loop error of the innovations' fit on blocks that were left out."""
     if not np.isfinite(both.percent):
         return note("cost.runs-away")
     percent = abs(both.percent)
@@ -81,7 +83,7 @@ def _open_loop(both: "LeftOutBlocks") -> Diagnostic:
 
 
 def _floor(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
-    """The process noise with its error, axis by axis."""
+    """Return the process noise with its error, axis by axis, as text."""
     messages = []
     for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_sd, strict=True):
         if v > 0.0:
@@ -95,7 +97,7 @@ def _chance(p: float) -> str:
 
 
 class LeftOutBlocks(NamedTuple):
-    """Both answers, block by block."""
+    """Comparison of both fits, block by block."""
 
     more: np.ndarray  # (n,) D_b of (2)
     cost: float  # Σ C_b(θ̂_b)
@@ -104,34 +106,34 @@ class LeftOutBlocks(NamedTuple):
 
     @property
     def z(self) -> float:
-        """Σ D_b in its standard errors; inf where the model ran away.  (2)"""
+        """Return Σ D_b in standard errors, inf if the model diverged.  (2)"""
         if not np.isfinite(self.more).all():
             return float("inf")
         return float(self.more.sum() / max(np.sqrt(len(self.more) * np.var(self.more, ddof=1)), 1e-300))
 
     @property
     def percent(self) -> float:
-        """By how much of its cost the innovations' answer is worse, below 0 for better."""
+        """Return the relative increase of the cost with the innovations' fit [%], negative if it is better."""
         return 100.0 * float(self.more.sum()) / max(self.cost, 1e-300)
 
     @property
     def better(self) -> bool:
-        """Return True if the innovations' answer has the smaller error on the blocks that were left out."""
+        """Return True if the innovations' fit has the smaller error on the blocks that were left out."""
         return bool(self.more.sum() < 0.0)
 
     @property
     def worse(self) -> bool:
-        """Return True if it has the larger one, by more than chance."""
+        """Return True if the innovations' fit has a significantly larger error on these blocks."""
         return self.z > students(1.0 - WORSE, len(self.more) - 1)
 
     @property
     def limit(self) -> float:
-        """Beyond it two answers are not one: the largest of k by chance (Bonferroni)."""
+        """Return the critical value of (3) above which the two fits differ significantly (Bonferroni)."""
         return students(1.0 - 0.5 * TWO / max(1, len(self.names)), len(self.more) - 1)
 
     @property
     def furthest(self) -> tuple[float, str]:
-        """The largest of (3), and whose it is."""
+        """Return the largest value of (3), and the name of its parameter."""
         if not len(self.apart):
             return 0.0, ""
         k = int(np.argmax(self.apart))
@@ -139,11 +141,11 @@ class LeftOutBlocks(NamedTuple):
 
 
 class _ObjectiveBlock(NamedTuple):
-    """A block's gradient and Hessian at an answer, and the slopes of its open-loop residuals."""
+    """Gradient and Hessian of a block at a fit, and the derivatives of its open-loop residuals."""
 
     g: np.ndarray  # (q,)
     A: np.ndarray  # (q, q)
-    at: np.ndarray  # (q,) where they stand in the answer
+    at: np.ndarray  # (q,) their indices in the fit
     r: np.ndarray  # (N m,)
     d: np.ndarray  # (N m, s) by the entries `of`
     of: np.ndarray  # (s,)
@@ -157,9 +159,8 @@ def leave_one_out(
     x: np.ndarray,
     free: np.ndarray,
 ) -> LeftOutBlocks | None:
-    """Return θ = `theta` (p,) with its `identifiable` entries, against `x` with its `free` ones.
-
-    None of too few blocks."""
+    """Return the comparison of `theta` (p,) with its `identifiable` entries and `x` with its `free` ones, or None
+    with too few blocks."""
     simulation = list(_of_simulation(problem, theta))
     innovation = list(_of_innovations(problem, prediction, x))
     if len(simulation) < FEWEST:
@@ -189,10 +190,10 @@ def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_Objective
 
 def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -> Iterator[_ObjectiveBlock]:
     block_s, p = block_of(problem), problem.size
-    pieces = zip(
+    segments = zip(
         slopes_of(problem, x[:p]), prediction.slopes(x), problem.records, strict=True
     )  # fmt: skip
-    for (r, d, of), slopes, record in pieces:
+    for (r, d, of), slopes, record in segments:
         slopes = _without_start(slopes, problem) if d.shape[2] < np.sum(slopes.places < p) else slopes
         for a, b in pairwise(edges_of(record, block_s, len(r))):
             e, by_e, by_s = (
@@ -205,7 +206,7 @@ def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -
 
 
 def _without_start(slopes: Slopes, problem: Residuals) -> Slopes:
-    """The slopes of a piece without its start."""
+    """Return the derivatives of a segment with its start eliminated."""
     start = (slopes.places >= problem.layout.starts) & (slopes.places < problem.size)
     w = np.maximum(slope(slopes.e), 0.0)
     return slopes._replace(
@@ -216,7 +217,7 @@ def _without_start(slopes: Slopes, problem: Residuals) -> Slopes:
 
 
 def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.ndarray:
-    """(n, p) by which an answer moves without each block; only the entries `identifiable` do.  (1)"""
+    """Return the change (n, p) of a fit without each block; only the entries `identifiable` change.  (1)"""
     place = np.full(1 + max(int(max(block.at.max(), block.of.max())) for block in blocks), -1)
     place[identifiable] = np.arange(len(identifiable))
     g, A = (
@@ -235,8 +236,8 @@ def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.
 
 
 def _cost(block: _ObjectiveBlock, change: np.ndarray) -> float:
-    """C_b of the open-loop residuals once the answer has moved."""
-    with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
+    """Return C_b from the open-loop residuals after the `change` of the fit."""
+    with np.errstate(invalid="ignore", over="ignore"):  # a model that diverged
         r = np.abs(block.r + block.d @ change[block.of])
         limited = np.minimum(r, HUBER)
         return float(np.sum(limited * (r - 0.5 * limited)))

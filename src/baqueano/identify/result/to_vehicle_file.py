@@ -1,14 +1,13 @@
-"""A fit → the vehicle file: values, where they come from, how sure they are, and their covariance.
+"""Write a fit into the vehicle file: values, their origin, their errors, and their covariance.
 
-A bias b ± s that a run has for itself is not written where the file knows it better, b₀ ± s₀, and is not contradicted:
+The bias b ± s of a run is not written if the file has a more accurate one, b₀ ± s₀, that is not contradicted:
 
     s > s₀   and   |b − b₀| ≤ FAR √(s² + s₀²)                                                             (1)
 
-A floor that disturbs the vehicle shows a bias of its gyro to a few hundredths of a rad/s. Where the file is
-contradicted, b is written, with s in the place of s₀.
-
-The envelope is the range of each command and of each channel whose h follows ν. It is without readings beyond OUTLIER
-standard deviations of the model.
+With a floor that disturbs the vehicle, a run shows the bias of a gyro to a few hundredths of a rad/s. If the file is
+contradicted, b is written, with s in place of s₀.
+The envelope is the range of each command and of each channel whose h follows ν. It excludes readings beyond OUTLIER
+standard deviations from the model.
 """
 
 from collections.abc import Sequence
@@ -38,7 +37,7 @@ OUTLIER = 4.0
 
 
 class Prior(NamedTuple):
-    """A bias that the file knows better than the fit."""
+    """A bias that the file contains more accurately than the fit."""
 
     path: str
     unit: str
@@ -50,14 +49,14 @@ class Prior(NamedTuple):
 
     @property
     def message(self) -> Diagnostic:
-        """Return what is written, and why."""
+        """Return a message on the value that is written, and the reason."""
         details: JsonObject = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
         code = "bias.contradicts-file" if self.contradicted else "bias.file-knows-better"
         return note(code, subject=self.path, **details)
 
 
 def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
-    """The file with the estimates of `fit`, entries that were not seen as they were."""
+    """Return the file with the estimates of `fit`; entries that were not identifiable are unchanged."""
     from baqueano.vehicle_file import ParameterCov
 
     on, run = on or date.today(), ", ".join(fit.runs)
@@ -86,7 +85,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
 
 
 def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
-    """Return the biases that the file knows better than the fit.  (1)"""
+    """Return the biases that the file contains more accurately than the fit.  (1)"""
     out = []
     for path, x, sd in zip(
         fit.own_names, np.mean(fit.own, axis=0), np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True
@@ -108,12 +107,12 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
 
 
 def _index(path: str) -> tuple[int, ...]:
-    """The entry that a path names, () for a whole field."""
+    """Return the entry that a path names, () for a whole field."""
     return tuple(int(i) for i in path.partition("[")[2].rstrip("]").split(",") if i)
 
 
 def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
-    """Path of a field → standard errors in its shape, NaN for entries without an estimate and for `prior_paths`."""
+    """Return field → standard errors in its shape, NaN for entries without an estimate and for `prior_paths`."""
     sd_of = dict(zip(fit.names, fit.sd, strict=True))
     fitted_names = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
     for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):
@@ -138,7 +137,7 @@ def envelope_of(
     sensors: ByName[Tree],
     commands: Sequence[str],
 ) -> Envelope:
-    """The envelope of a fit to `records`, whose `commands` are in the order of u."""
+    """Return the envelope of a fit to `records`, whose `commands` are in the order of u."""
     u = np.concatenate([record.u[record.lead :] for record in records])
     ranges = {name: (float(u[:, k].min()), float(u[:, k].max())) for k, name in enumerate(commands)}
     for name, sensor in sensors._asdict().items():

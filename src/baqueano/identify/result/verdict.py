@@ -1,18 +1,16 @@
-"""USABLE, WARN or REFUSED, with reasons.
+"""Derive the verdict USABLE, WARN or REFUSED, with reasons.
 
 REFUSED   the search did not converge; the model explains nothing, or is far from a channel in use; most parameters
           are not identifiable, or have a large error only; a diagnostic found impossible data.
 WARN      a parameter is at its bound, poorly identified or not identifiable; residuals are autocorrelated and large, or
-          far above the sensors' noise in the file; outliers are many, or to one side; a diagnostic found what
-          may have moved a parameter.
-USABLE    none of these. What the vehicle can never show does not count; notes tell of repairs to the data.
+          far above the sensors' noise in the file; outliers are many, or to one side; a diagnostic found an effect
+          that may have moved a parameter.
+USABLE    none of these. Parameters that the vehicle can never show do not count; notes report repairs to the data.
 
-Runs are compared by mean squares of residuals and of motion. One run differs from the others where with ḡ and s of the
-others' g_r = log mean e², over R runs,
-
+Runs are compared by mean squares of residuals and of motion. With ḡ and s of the other runs' g_r = log mean e², one of
+R runs differs from the others if
     g_r − ḡ > t_{1−α/R} s √(1 + 1/(R − 1)),                                                               (1)
-
-it is further from the model than from its own mean, and it moved by more than the model errs elsewhere.
+it is further from the model than from its own mean, and it moved by more than the model's error elsewhere.
 """
 
 from collections.abc import Sequence
@@ -22,7 +20,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.identify.covariance.information import COLOUR
+from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.estimation.search import LACKING
 from baqueano.vehicle_file.units import CHANNEL_UNITS
@@ -30,18 +28,20 @@ from baqueano.vehicle_file.units import CHANNEL_UNITS
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
 
-EXPLAINS = 0.5  # part of the variance that the best channel must be explained
-UNSEEN = 0.5  # part of the parameters that may stay unseen
+EXPLAINS = 0.5  # least explained part of the variance of the best channel
+UNSEEN = 0.5  # largest part of the parameters that may be unidentifiable
 ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
 OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
 # cost bears them as long as they fall to both sides alike
-OUTLIER_CHANCE = 0.01  # below it even outliers to one side move a fit by less than its error
+OUTLIER_CHANCE = (
+    0.01  # part of the samples; fewer outliers, even to one side, move a fit by less than its error
+)
 WARNING, ERROR = Severity.WARNING, Severity.ERROR
 LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
-FAR = 2.0  # of the square about its own mean: a channel that leaves more goes by something else than the model says
+FAR = 2.0  # times the square about its own mean: a channel with larger residuals does not follow the model
 CLIPPED = 4.0  # standard deviations, beyond which an error is clipped
 NAMED = 3  # runs
-CHANCE = 0.01  # α, of a run that is called unlike the others, where it is not
+CHANCE = 0.01  # α, the probability that a normal run is reported as unlike the others
 
 
 class Evidence(NamedTuple):
@@ -55,13 +55,13 @@ class Evidence(NamedTuple):
     unobservable: tuple[Diagnostic, ...]
     channels: Any  # ChannelFit, run by run, the channels in one order
     converged: bool
-    colour: np.ndarray  # (m,)
-    prior_sigma: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
+    autocorrelation: np.ndarray  # (m,)
+    prior_sigma: np.ndarray | None  # (m,) noise in the file, 0 without one; None: σ was given
     messages: tuple[Diagnostic, ...] = ()  # by the detectors
-    weakly: tuple[Diagnostic, ...] = ()  # why those that are weak are
-    moving: str = ""  # where the search did not converge, the parameter that would go on furthest
+    weakly: tuple[Diagnostic, ...] = ()  # reasons for the weak parameters
+    moving: str = ""  # the parameter that a search without convergence would still move most
     one_mean: np.ndarray | None = (
-        None  # (m,) whether a channel has one mean over all runs; None: each run its own
+        None  # (m,) True for channels with one mean over all runs; None: each run has its own
     )
 
 
@@ -72,8 +72,7 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 
 
 def noted(e: Evidence) -> list[Diagnostic]:
-    """Return what is good to know and no reason to doubt; e.bound are the bounds at which chance could put a
-    parameter."""
+    """Return notes that are not a reason to doubt. `e.bound` are the bounds at which a parameter may be by chance."""
     out = _of(e, Severity.INFO)
     out += unlike(by_channel(e.channels, e.one_mean), hardly=True)
     out += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
@@ -85,7 +84,7 @@ def noted(e: Evidence) -> list[Diagnostic]:
 
 
 def _of(e: Evidence, severity: Severity) -> list[Diagnostic]:
-    """Return what the detectors found of this severity."""
+    """Return the findings of the detectors with this severity."""
     return [message for message in e.messages if message.severity == severity]
 
 
@@ -115,12 +114,12 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
             note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
             for label, times in far.items()
         ]
-        out += _of(e, WARNING)  # one of them may be why
+        out += _of(e, WARNING)  # one of them may be the reason
     return out + _unidentified(e)
 
 
 def _unidentified(e: Evidence) -> list[Diagnostic]:
-    """Return why too few of the parameters are identified."""
+    """Return a finding if too few of the parameters are identified."""
     free, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
     missing = free - int(np.sum(np.isfinite(e.estimate)))
     if free and missing == free:
@@ -144,14 +143,14 @@ def _doubts(e: Evidence) -> list[Diagnostic]:
     if e.unobservable:
         out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
-    for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
-        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in subjects:
+    for label, c, channel in zip(_labels(e), e.autocorrelation, e.channels, strict=False):
+        if abs(c) > WHITE_LIMIT and channel.explained < 1.0 - LACKING**2 and label not in subjects:
             out.append(note("residual.lacking", WARNING, subject=label))
     return out + _loud(e)
 
 
 def _loud(e: Evidence) -> list[Diagnostic]:
-    """Return residuals far above the noise of the file, and outliers."""
+    """Return findings on residuals far above the noise of the file, and on outliers."""
     out, labels = [], _labels(e)
     prior = np.zeros(len(labels)) if e.prior_sigma is None else e.prior_sigma
     for label, c, prior_sigma in zip(labels, e.channels, prior, strict=False):
@@ -171,12 +170,13 @@ def _loud(e: Evidence) -> list[Diagnostic]:
 
 
 def _lean(above: int, below: int) -> bool:
-    """Return whether outliers prefer a side."""
+    """Return True if significantly more outliers are on one side."""
     return bool(abs(above - below) > LEAN * np.sqrt(above + below))
 
 
 def _one_far(e: Evidence, label: str) -> Diagnostic:
-    """Of the one reading of a channel, as of a tape: both numbers say more than 100 %."""
+    """Return the finding on a channel with one outlying reading, such as a hand measurement. It states both
+    numbers, not 100 % of outliers."""
     same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
     z, h, sigma = next(
         (float(c.measured[k]), float(c.predicted[k]), c.sigma)
@@ -190,8 +190,8 @@ def _one_far(e: Evidence, label: str) -> Diagnostic:
 
 
 def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
-    """Per channel over all runs: samples, those above OUTLIER, those below."""
-    m = len(e.colour)
+    """Return for each channel over all runs the number of samples, of those above OUTLIER, and of those below."""
+    m = len(e.autocorrelation)
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
         residuals = (c.measured - c.predicted) / c.sigma
@@ -204,11 +204,11 @@ def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
 
 
 def _labels(e: Evidence) -> list[str]:
-    return [f"{c.sensor}[{c.entry}]" for c in e.channels[: len(e.colour)]]
+    return [f"{c.sensor}[{c.entry}]" for c in e.channels[: len(e.autocorrelation)]]
 
 
 def short(name: str) -> str:
-    """The path of a parameter as people read it."""
+    """Return the path of a parameter in its short form for people."""
     return name.removeprefix("model.")
 
 
@@ -217,24 +217,25 @@ class ChannelOfRun(NamedTuple):
 
     run: str
     squares: float  # sum of the squared residuals, outliers clipped
-    moved: float  # of what was measured about its mean
+    moved: float  # sum of the squared measurements about their mean
     samples: int
 
     @property
     def unlike(self) -> bool:
-        """Return True where it is further from the model than from its own mean."""
+        """Return True if the channel is further from the model than from its own mean."""
         return self.squares > FAR * self.moved
 
     @property
     def explained(self) -> float:
-        """The part of what it moved that the model explains."""
+        """Return the part of the channel's motion that the model explains."""
         return 1.0 - self.squares / self.moved if self.moved > 0.0 else 0.0
 
 
 def by_channel(
     channels: "Sequence[ChannelFit]", one_mean: np.ndarray | None
 ) -> dict[str, list[ChannelOfRun]]:
-    """Per channel its runs; `one_mean` (m,), in the order of the first run, tells whose mean is that of all runs."""
+    """Return for each channel its runs. `one_mean` (m,), in the order of the first run, marks channels with one
+    mean over all runs."""
     out: dict[str, list[ChannelOfRun]] = {}
     labels = list(dict.fromkeys(f"{c.sensor}[{c.entry}]" for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
@@ -256,7 +257,7 @@ def by_channel(
 
 
 def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
-    """The sums over all runs of a channel."""
+    """Return the sums over all runs of a channel."""
     squares, moved2, samples = (
         sum(getattr(channel, name) for channel in runs) for name in ("squares", "moved", "samples")
     )
@@ -264,8 +265,11 @@ def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
 
 
 def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
-    """Runs that are unlike the model in a channel, others of which carry it: those that `hardly` moved, by less than
-    the model errs in the others, or those that did and are further off than chance explains."""
+    """Return findings on runs that are unlike the model in a channel that other runs support.
+
+    With `hardly`: runs that moved by less than the model's error in the others. Else: runs that moved more and
+    differ significantly.
+    """
     out = []
     for label, runs in channels.items():
         rest = [channel for channel in runs if not channel.unlike]
@@ -289,8 +293,8 @@ def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagno
 
 
 def _beyond_chance(channel: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
-    """Return True where the residual of a run is larger than the largest of `count` runs is by chance. Two runs do not
-    show their scatter: then True.  (1)"""
+    """Return True if the residual of a run is significantly larger than the largest of `count` runs by chance. With
+    only two runs the scatter is unknown, and the result is True.  (1)"""
     g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *rest)])
     if len(rest) < 2:
         return True

@@ -1,1 +1,1 @@
-"""Which terms a model needs, by simulation error on what it was not fitted to."""
+"""Selection of the terms of a model, by simulation error on held-out data."""

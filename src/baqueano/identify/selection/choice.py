@@ -1,4 +1,4 @@
-"""The answer of `choose`: which terms a model has and why, a sentence and its figures for each."""
+"""Result of `choose`: the terms of a model and the reasons, with a sentence and figures for each."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -72,18 +72,18 @@ class Decision(StrEnum):
 
 
 class TermResult(NamedTuple):
-    """One term, judged once: against the model of its round, or in the end against the model without it."""
+    """Result for one term: compared with the model of its round, or at the end with the model without it."""
 
     term: Term
     verdict: Decision
-    reason: Diagnostic | None  # if it was not the figures alone
+    reason: Diagnostic | None  # if not only the figures decided
     channel: ChannelLabel
     without: float  # held-out error of that channel
     with_: float
-    gain: float  # part by which the held-out error of a block falls, mean over blocks
+    gain: float  # relative fall of the held-out error of a block, mean over blocks
     gain_sd: float
     errors: float  # the gain in its standard errors
-    needed: float  # standard errors that the rule asks for
+    needed: float  # standard errors that the rule requires
     estimate: tuple[float, ...]  # on all runs
     sd: tuple[float, ...]  # by leaving folds out
     one_step_without: float
@@ -91,7 +91,7 @@ class TermResult(NamedTuple):
 
     @property
     def message(self) -> Diagnostic:
-        """Return the choice and its figures."""
+        """Return the decision and its figures as a message."""
         details: JsonObject = {"errors": self.errors, "needed": self.needed}
         part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
         name = self.term.name
@@ -106,7 +106,7 @@ class TermResult(NamedTuple):
         return note("choose.left-out", subject=name, **part, **details)
 
     def row(self) -> "JsonObject":
-        """Flat."""
+        """Return the result as one flat row."""
         return {
             "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
             "channel": self.channel.name, "unit": self.channel.unit, "error_without": self.without,
@@ -119,20 +119,20 @@ class TermResult(NamedTuple):
 
 @dataclass(frozen=True)
 class Choice:
-    """A model with the terms that held-out runs ask for, and the fit of it."""
+    """A model with the terms that held-out data support, and its fit."""
 
-    judged: tuple[TermResult, ...]  # the last word on each term: taken first, in their order
+    judged: tuple[TermResult, ...]  # the last result for each term: first those taken, in their order
     fit: "Fit" = field(repr=False)
-    rule: str  # what was held out, and what a term needs
+    rule: str  # the held-out data, and the condition for a term
 
     @property
     def taken(self) -> tuple[str, ...]:
-        """Names of the terms that the model has."""
+        """Return the names of the terms in the model."""
         return tuple(result.term.name for result in self.judged if result.verdict == Decision.TAKEN)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """One per term."""
+        """Return one sentence per term."""
         return tuple(text(result.message) for result in self.judged)
 
     @property
@@ -142,15 +142,15 @@ class Choice:
 
     @property
     def vehicle_file(self) -> "VehicleFile":
-        """The file with the chosen model."""
+        """Return the file with the chosen model."""
         return self.fit.vehicle_file
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per term, then one per parameter of the fit."""
+        """Return one flat row per term, then one per parameter of the fit."""
         return [result.row() for result in self.judged] + self.fit.rows()
 
     def table(self, reported: bool = False) -> str:
-        """For people; `reported` as for the table of the fit."""
+        """Return the table as text; `reported` is that of the table of the fit."""
         wide = max((len(result.term.name) for result in self.judged), default=0)
         lines = [f"{_('term'):{wide}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
         for result in self.judged:

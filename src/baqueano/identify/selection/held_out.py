@@ -1,16 +1,16 @@
-"""Models of one vehicle judged by the simulation error where they were not fitted.
+"""Compare models of one vehicle by their simulation error on held-out data.
 
     L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ that of the model to beat               (1)
     g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
     with is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
     pieces = Σ_runs min(1 + turning points, max(1, T / SHORT_S)),   2^−pieces ≤ CHANCE ⟺ pieces ≥ LEAST   (4)
 
-Fold k holds out every K-th block, without GAP_S on either side; from FOLDS runs on whole runs, with biases and starts
-found on them; runs that are named, as the only fold. A block has 5 s, 2 s where there would be few: longer than the
-memory of a small vehicle, so that sums are independent. (3) is a paired t test on logarithms: what a term brings
-differs by orders of magnitude between blocks. c keeps out blocks below a third of the noise. A term that is not there
-fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent pieces of motion by the turning
-points of a command, swings below SWING left out (Bienaymé 1874). As many are needed as the sign test asks for.
+Fold k holds out every K-th block, and GAP_S on either side is not used. From FOLDS runs on it holds out whole runs,
+with biases and starts estimated on them; runs given as held out are the only fold. A block has 5 s, or 2 s with few
+blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired t test on logarithms,
+because gains differ by orders of magnitude between blocks. c limits the effect of errors below a third of the noise. A
+term without effect fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent pieces of motion
+by the turning points of a command, without swings below SWING (Bienaymé 1874), as many as the sign test requires.
 """
 
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.runs.run import Run
 
 FOLDS = 5
-RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much
+RUNS = 20  # from which on a run is a block: with fewer, Student's t is too large
 BLOCK_S, SHORT_S, ENOUGH, MOST_BLOCKS = 5.0, 2.0, 40, 60
 LEAST_BLOCKS = 6
 FLOOR = 0.1  # of the variance of the noise
 GAP_S = 1.0  # on either side of a block that is held out
-DONE = 1e-3  # decrement: no parameter moves by more than 3 % of its standard error
+DONE = 1e-3  # decrement: every parameter moves by less than 3 % of its standard error
 PATIENCE = 25  # evaluations
 SWING = 0.1
 CHANCE = 0.05
@@ -46,7 +46,7 @@ class Score(NamedTuple):
     """Prediction errors of a model on held-out data."""
 
     loss: np.ndarray  # (B, m) of (1)
-    samples: np.ndarray  # (B, m) how many
+    samples: np.ndarray  # (B, m) number of samples
     ahead: np.ndarray  # (m,) Σ of squared one-step errors, in σ²
     pairs: np.ndarray  # (m,) their number
     estimates: np.ndarray  # (K, p) shared parameters of each fold
@@ -54,26 +54,26 @@ class Score(NamedTuple):
 
     @property
     def error(self) -> np.ndarray:
-        """(m,) robust root mean square of the simulation error, in the units of the channels."""
+        """Return the robust root mean square (m,) of the simulation error, in the units of the channels."""
         return self.sigma * np.sqrt(self.loss.sum(axis=0) / np.maximum(self.samples.sum(axis=0), 1.0))
 
     @property
     def one_step(self) -> np.ndarray:
-        """(m,) root mean square of the error one sample ahead, in the units of the channels."""
+        """Return the root mean square (m,) of the error one sample ahead, in the units of the channels."""
         return self.sigma * np.sqrt(self.ahead / np.maximum(self.pairs, 1.0))
 
 
 class PairedComparison(NamedTuple):
-    """Two models on the same blocks."""
+    """Comparison of two models on the same blocks."""
 
-    gain: float  # part by which the error of a block falls, mean g
+    gain: float  # relative fall of the error of a block, mean g
     sd: float  # its standard error
-    errors: float  # mean g in its standard errors; −inf where with runs away, or is worse in all
-    channel: int  # whose share of the fall is largest
+    errors: float  # mean g in standard errors; −inf if a model diverges, at most 0 without a lower total loss
+    channel: int  # channel with the largest share of the change
     blocks: int
 
     def beyond(self, alpha: float) -> float:
-        """t_{1−α}."""
+        """Return the critical value t_{1−α} for mean g in standard errors."""
         return students(1.0 - alpha, max(5, self.blocks - 1))
 
 
@@ -85,14 +85,16 @@ class Fold(NamedTuple):
 
 
 class HeldOut:
-    """The folds of the runs of one structure of model."""
+    """The folds of the runs for one structure of model."""
 
     def __init__(
         self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], rest: Sequence[bool], unseen: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
-        """Of the runs of `records`, `rest` begin at rest, and the last `unseen` are held out; 0: parts of all are.
-        Bounds of θ, `low` and `high`, are the caller's to set."""
+        """Make the folds: the last `unseen` runs of `records` are held out; with 0, parts of all runs.
+
+        `rest` marks the runs that begin at rest. The caller sets the bounds of θ, `low` and `high`.
+        """
         self.low, self.high = np.zeros(0), np.zeros(0)
         fitted_runs = len(rest) - unseen
         self.unseen, self.whole_runs = unseen, bool(unseen) or fitted_runs >= FOLDS
@@ -129,15 +131,18 @@ class HeldOut:
         self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
         most: int = PATIENCE,
     ) -> Solution:  # fmt: skip
-        """The best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
+        """Return the best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
         problem = (self.all if problem is None else problem).weighed(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high, fixed=~free, tolerance=DONE, most=most, damping=1e-4
         )
 
     def score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
-        """A model with the entries `free` (p,) of θ on what is held out, each fold begun at `theta`.  (1)"""
-        is_single = len(self.all.records) == 1 and self.all.scan.backend == "c"  # else each run has a core
+        """Return the score of a model with the entries `free` (p,) of θ on held-out data; folds start at `theta`.
+        (1)"""
+        is_single = (
+            len(self.all.records) == 1 and self.all.scan.backend == "c"
+        )  # else each run uses its own core
         rows = sum(map(len, self.blocks)) if is_single else 0
         parts = each(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
         loss, samples, ahead, pairs = (np.sum([part[i] for part in parts], axis=0) for i in range(4))
@@ -146,7 +151,7 @@ class HeldOut:
     def _of_fold(
         self, fold: Fold, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Its part of loss, samples, one-step errors and pairs, and its shared parameters."""
+        """Return loss, samples, one-step errors and pairs of one fold, and its shared parameters."""
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
         ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
         movable = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
@@ -167,7 +172,7 @@ class HeldOut:
 
 
 def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
-    """UsageError where a run is held out and fitted to."""
+    """Raise UsageError if a run is both held out and fitted."""
     repeats = [run.name for run in held_out if run.name in {run.name for run in runs}]
     if repeats:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=repeats[0]))
@@ -190,8 +195,8 @@ def paired(without: Score, with_: Score) -> PairedComparison:
 
 
 def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
-    """(q,) standard errors of shared parameters by leaving folds out: honest about what is not white; NaN of a single
-    fold."""
+    """Return the standard errors (q,) of shared parameters by leaving folds out, valid also for autocorrelated
+    residuals; NaN with a single fold."""
     if len(score.estimates) < 2:
         return np.full(len(entries), np.nan)
     x = score.estimates[:, list(entries)]
@@ -200,7 +205,7 @@ def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
 
 
 def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
-    """Length of a block, the number of the block of each row, and how many there are."""
+    """Return the length of a block, the block number of each row, and the number of blocks."""
     if whole_runs:
         first = min(r.run for r in records)
         return (
@@ -222,7 +227,7 @@ def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list
 
 
 def _widen(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
-    """The rows `out` (N,) and those within GAP_S of them."""
+    """Return a mask (N,) of the rows `out` (N,) and those within GAP_S of them."""
     ends = np.cumsum(dt_s)
     edges = np.flatnonzero(np.diff(out.astype(int)) != 0)
     near = out.copy()
@@ -232,7 +237,7 @@ def _widen(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 
 
 def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
-    """The record with the measurements of the rows of `mask` (N,) only."""
+    """Return the record with the measurements of the rows of `mask` (N,) only."""
     sensors: dict[str, Tree] = {
         name: Measurements(readings.z, readings.has * mask[:, None], readings.sample_fraction)
         for name, readings in record.sensors.items()
@@ -241,7 +246,7 @@ def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
 
 
 def pieces_of(runs: Sequence[Run], command: int) -> float:
-    """Independent pieces of motion of one command over all runs; 0 where it does not move.  (4)"""
+    """Return the number of independent pieces of motion of one command over all runs, 0 if it does not move.  (4)"""
     u = [run.applied[np.isfinite(run.applied[:, command]), command] for run in runs]
     every = np.concatenate([np.zeros(1), *u])
     swing = SWING * float(np.ptp(every))
@@ -253,7 +258,7 @@ def pieces_of(runs: Sequence[Run], command: int) -> float:
 
 
 def _lasts(run: Run) -> float:
-    """Return the length of all its ticks [s], the first one too."""
+    """Return the length of all ticks of the run [s], including the first one."""
     return run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)
 
 

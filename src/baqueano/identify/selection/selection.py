@@ -1,11 +1,12 @@
-"""`choose`: which terms a model needs, by simulation error on what it was not fitted to.
+"""Choose the terms that a model needs, by simulation error on held-out data: `choose`.
 
     M ← the least model of the kind                                         terms.py                      (1)
-    forward: of all terms, each fitted beside those of M, those are good whose held-out error is lower than
-             M's beyond its noise, t > t_{1 − α/n}, n terms in question; the best of them joins M, and of
-    those that are not worse than it beyond the noise, t ≤ t_{1 − α}, the first                           (2)
+    forward: each term is fitted together with those of M. A term is good if its held-out error is
+             significantly lower than that of M, t > t_{1 − α/n}, with n terms to test. The best of them
+             joins M, or the first of those that are not significantly worse than it, t ≤ t_{1 − α}       (2)
     until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3);
-    where one fell, forward once more without it
+    if one was dropped, forward once more without it
+
 Error, folds and t are those of held_out.py; α = 5 %. A term at its bound, or collinear with M, is refused.
 """
 
@@ -68,16 +69,16 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.05
-TAKEN = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that a choice takes
-SINGULAR = 1e-6  # part of a term's information that is its own
-WORTH = 2.0  # twice the log-likelihood that a number of pure noise brings, and twice that again
+TAKEN = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that `choose` accepts
+SINGULAR = 1e-6  # least part of a term's information that is independent of the other parameters
+WORTH = 2.0  # least fall of the cost per parameter: four times the mean fall by fitting pure noise
 NEAR = 0.25  # of a tick
-FEW = 6  # evaluations, to see which start is best
-AS_LARGE = 0.5  # of the largest start of a term: a standard error above it tells nothing
+FEW = 6  # evaluations to find the best start
+AS_LARGE = 0.5  # of the largest start of a term: with a larger standard error it is not identifiable
 
 
 class Model(NamedTuple):
-    """A model while it grows."""
+    """A model while terms are added."""
 
     terms: tuple[Term, ...]
     theta: np.ndarray  # (p,)
@@ -86,11 +87,11 @@ class Model(NamedTuple):
 
 
 class TermTrial(NamedTuple):
-    """A term beside a model."""
+    """Trial of a term in a model."""
 
     judged: TermResult
     theta: np.ndarray  # (p,)
-    score: Score | None  # None: not held against the folds
+    score: Score | None  # None: not tested on the folds
 
 
 def choose(
@@ -104,10 +105,10 @@ def choose(
     held_out: Sequence[Run] = (),
     say: Callable[[str], object] | None = None,
 ) -> Choice:
-    """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
+    """Return the model of the kind of `vehicle_file` with the terms that the runs support, and its fit.
 
-    `candidates` are names of terms (terms.py) or paths, else all that the kind has. `free`, `use`, and of `options`
-    those in TAKEN, are those of `identify`. Runs `held_out` decide the terms. UsageError for an unknown name.
+    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free`, `use`, and the
+    `options` in TAKEN are those of `identify`. Runs `held_out` decide the terms. Raise UsageError for an unknown name.
     """
     option_names = [name for name in options.changed if name not in TAKEN]
     if option_names:
@@ -136,7 +137,7 @@ def choose(
 
 
 class How(NamedTuple):
-    """Runs and options that every fit of a choice shares."""
+    """Runs and options that all fits of one choice share."""
 
     runs: list[Run]
     use: Sequence[str] | None
@@ -147,7 +148,7 @@ class How(NamedTuple):
         self, file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
         near: Mapping[str, tuple[float, float]] | None = None,
     ) -> Fit:  # fmt: skip
-        """The fit of `free`, within the caller's bounds of these and those of `near`."""
+        """Return the fit of `free`, within the user's bounds and those of `near`."""
         limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
         limits |= {k: b for k, b in (near or {}).items() if k not in limits}
         options = replace(self.options, fixed=(), bounds=limits, start=start or {}, gyro_leads=False)
@@ -155,7 +156,7 @@ class How(NamedTuple):
 
 
 class _Growing:
-    """The problem with all terms in it, and the models on it."""
+    """The problem with all terms in it, and the models that are fitted to it."""
 
     def __init__(
         self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
@@ -163,7 +164,7 @@ class _Growing:
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = how
         self.how, self.least_paths, self.terms, self.say = how, least, terms, say
-        self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
+        self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
         if any(tells_pose(sensor) for sensor in blocks.sensors):
@@ -184,7 +185,7 @@ class _Growing:
         every = HeldOut(blocks, shape, records, rest, len(validation_runs), how.options.backend)
         theta, every.low, every.high = first_theta(blocks, candidates, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
-        self.small = np.zeros(len(theta))  # differences from neutral that are none
+        self.small = np.zeros(len(theta))  # differences from neutral that count as 0
         if LAG in self.paths:
             lag = self.paths.index(LAG)
             every.low[lag], self.small[lag] = SHORTEST_LAG_S, LEAST_LAG / file.rate_hz
@@ -200,7 +201,7 @@ class _Growing:
 
     @property
     def rule(self) -> str:
-        """Return the table as text."""
+        """Return the sentences on the held-out data and on the condition for a term."""
         h = self.held_out
         if h.block_s:
             size = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
@@ -227,7 +228,7 @@ class _Growing:
         return f"{sentence} {needs}"
 
     def grown(self) -> tuple[Model, list[TermResult]]:
-        """The model, and the last word on each term."""
+        """Return the model, and the last result for each term."""
         model, last, excluded_names = self.model((), self.first), {}, set()
         while True:
             model = self.forward(model, last, excluded_names)
@@ -245,7 +246,8 @@ class _Growing:
         return model, [last[term.name] for term in (*model.terms, *rest) if term.name in last]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
-        """The fit of a model with its error bars, begun where it is; a delay, whose cost has valleys, stays near."""
+        """Return the fit of a model with its error bars, started at its θ. A delay, whose cost has valleys, is
+        bounded to values near."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
         file = with_terms(bare, self.terms, {path: values[path] for path in paths})
@@ -255,13 +257,13 @@ class _Growing:
         return self.how.fit(file, [*self.least_paths, *paths], {p: values[p] for p in self.least_paths}, near)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
-        """The model with `terms`, its noise found anew."""
+        """Return the model with `terms`, with its noise estimated again."""
         free = self._free(terms)
         end = search(self.task, np.where(free, theta, self.first), ~free)
         return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, free, end.sigma))
 
     def forward(self, model: Model, last: dict[str, TermResult], barred: set[str]) -> Model:
-        """The model with all terms that are good, one after the other.  (2)"""
+        """Return the model after adding all good terms, one after the other.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
             open_ = [t for t in self.terms if t.name not in barred and not have.intersection(t.paths)]
@@ -281,7 +283,7 @@ class _Growing:
             model = self.model((*model.terms, best.judged.term), best.theta)
 
     def tried(self, model: Model, term: Term, alpha: float) -> TermTrial:
-        """A term beside a model: fitted to all, then without what is held out."""
+        """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
         at, free = self._at(term), self._free((*model.terms, term))
         before = self.held_out.all.weighed(model.sigma).evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
@@ -302,8 +304,10 @@ class _Growing:
         return TermTrial(result, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
-        """The best fit with a term: a few steps from each of its starts, then on from the best; later on from
-        where it ended beside the model before."""
+        """Return the best fit with a term: a few steps from each of its starts, then on from the best one.
+
+        Later trials start where the term ended in the previous model.
+        """
         ends = []
         for start in self.ended.get(term.name, term.starts):
             theta = model.theta.copy()
@@ -317,7 +321,7 @@ class _Growing:
         return end
 
     def superfluous(self, model: Model, last: dict[str, TermResult]) -> TermTrial | None:
-        """The term that the model needs least, if it does not need it.  (3)"""
+        """Return the trial of the least needed term if the model does not need it, else None.  (3)"""
         weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
             self.say(_("testing if {term} is still needed", term=term.name))
@@ -340,7 +344,7 @@ class _Growing:
     def _exclusion(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
     ) -> tuple[Decision, Diagnostic] | None:
-        """Why a term is out of the question, if it is: left out or refused, and the reason."""
+        """Return the decision (left out or refused) and the reason if a term is excluded, else None."""
         at = self._at(term)
         neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
         if neutral.all():
@@ -360,7 +364,7 @@ class _Growing:
         self, term: Term, verdict: Decision, reason: Diagnostic | None, model: Model, pair: tuple[Score, PairedComparison] | None,  # noqa: E501
         theta: np.ndarray, limit: float,
     ) -> TermResult:  # fmt: skip
-        """The figures of a term against `model`; `pair` is the score with it."""
+        """Return the figures of a term compared with `model`; `pair` is the score with the term, and its test."""
         at = self._at(term)
         score, test = pair or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
         c = test.channel
@@ -389,7 +393,7 @@ class _Growing:
 
 
 def _first_of_the_best(good: list[TermTrial]) -> TermTrial:
-    """Of the terms not worse than the best beyond the noise between them, the first."""
+    """Return the first of the terms that are not significantly worse than the best."""
     best = max(good, key=lambda trial: trial.judged.gain)
     assert best.score is not None
     for trial in good:

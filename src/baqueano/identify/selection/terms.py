@@ -1,16 +1,16 @@
-"""Optional terms of a vehicle model, each with its neutral value and its starts.
+"""Define the optional terms of a vehicle model, each with its neutral value and its starts.
 
-The least model of a kind has forces (or velocities) of the commands and viscous friction, and a car its steering. All
-else is a term: dry friction, dead zones, drag, lag and delay, cross-talk, unequal motors, battery, centre of mass.
-At its neutral value a term has no effect. Its largest possible size gives the starts of a search:
+The least model of a kind has forces (or velocities) of the commands and viscous friction, and a car its steering.
+Everything else is a term: dry friction, dead zones, drag, lag and delay, cross-talk, unequal motors, battery, centre of
+mass. At its neutral value a term has no effect. Its largest possible size gives the starts of a search:
 
-    friction, drag     0.1 and 0.3 of what would take up the largest command                               (1)
+    friction, drag     0.1 and 0.3 of the value that would balance the largest command                     (1)
     dead zone          0.05 and 0.25 of the largest command                                                (2)
     lag, delay         0.05 s; a delay, whose cost has a kink at every whole tick, every 0.025 s            (3)
 
 or the field's `start`. For (1) the largest commands drive the model for REACH_S, one channel at a time and all
-together: the change of ν̇ by a unit of the parameter, against the largest ν̇. Without a change it is not a term.
-Names, neutral values and starts stand beside the fields of the class (parameter.py); their order is explained in
+together: the change of ν̇ by a unit of the parameter, relative to the largest ν̇. Without a change it is not a term.
+Names, neutral values and starts are defined with the fields of the class (parameter.py); their order is explained in
 docs/derivations/d_optimal_design.md.
 """
 
@@ -47,23 +47,23 @@ if TYPE_CHECKING:
 
 BATTERY = "model.drivetrain.battery_effect"
 SCAN_S = 0.025  # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
-REACH_S, TICK_S, SOON_S = 1.0, 0.005, 1e-6  # of (1): how long, in steps of, and at once
+REACH_S, TICK_S, SOON_S = 1.0, 0.005, 1e-6  # of (1): duration, step, and the step for the change of ν̇
 PARTS, UNIT = (0.1, 0.3), 1e-3  # of (1)
-SHORTEST_LAG_S = 1e-5  # that is none at all, and can be computed with
+SHORTEST_LAG_S = 1e-5  # without effect, but not 0, so that it can be varied
 DEAD_ZONES = ("model.drivetrain.dead_zone_forward", "model.drivetrain.dead_zone_backward")
 
 
 class Term(NamedTuple):
-    """A part of a model that may be there or not."""
+    """An optional part of a model."""
 
     name: str  # in words
     paths: tuple[str, ...]  # (q,) with entries
-    neutral: tuple[float, ...]  # (q,) values at which it is not there
-    starts: tuple[tuple[float, ...], ...]  # (k, q) where searches begin
+    neutral: tuple[float, ...]  # (q,) values at which it is without effect
+    starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
 
 
 def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
-    """Paths, with entries, that the least model fits; `free` are the caller's, u (N, n) all commands."""
+    """Return the paths, with entries, that the least model fits; `free` are the user's, u (N, n) all commands."""
     blocks = FittedBlocks(file.vehicle, file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
     paths = [p for path in requested_paths(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
@@ -73,12 +73,12 @@ def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -
 
 
 def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
-    """The file with all terms at their neutral values."""
+    """Return the file with all terms at their neutral values."""
     return with_terms(file, terms, {})
 
 
 def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, float]) -> "VehicleFile":
-    """The file with the values `fitted` at their paths, all other paths of `terms` neutral."""
+    """Return the file with the values `fitted` at their paths, and all other paths of `terms` neutral."""
     blocks, fields = room_for(FittedBlocks(file.vehicle, file.sensors), terms), set()
     for term in terms:
         for path, none in zip(term.paths, term.neutral, strict=True):
@@ -92,7 +92,7 @@ def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, flo
 
 
 def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
-    """The blocks in a form that can carry the terms: a lag, and dead zones of each channel."""
+    """Return the blocks in a form that can hold the terms: a lag, and dead zones of each channel."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if drivetrain is None:
         return blocks
@@ -108,7 +108,7 @@ def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
 
 
 def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list[Term]:
-    """All terms of a vehicle whose commands were u (N, n); `battery`: its voltage was logged."""
+    """Return all terms of a vehicle with the commands u (N, n); `battery` is True if its voltage was logged."""
     blocks = blocks._replace(model=ideal(blocks.model))
     motions = _motions(blocks.model, u)
     own = _of_fields(blocks, motions)
@@ -118,7 +118,7 @@ def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list
 def candidate_terms(
     blocks: FittedBlocks, candidates: Sequence[str | Term] | None, u: np.ndarray, battery: bool
 ) -> list[Term]:
-    """The candidates: all terms of the kind, or those of the names, or paths of the vehicle file."""
+    """Return the candidates: all terms of the kind, or those with the given names or paths of the vehicle file."""
     terms = terms_of(blocks, u, battery)
     if candidates is None:
         return terms
@@ -146,7 +146,7 @@ def candidate_terms(
 
 
 class _TermMotion(NamedTuple):
-    """Motion of a vehicle at rest under the largest commands of some channels."""
+    """Motion of a vehicle from rest under the largest commands of some channels."""
 
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
@@ -155,7 +155,7 @@ class _TermMotion(NamedTuple):
 
 
 def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
-    """Of each channel both ways, where it was used, then of all channels together."""
+    """Return the motions of each channel both ways, if it was used, then of all channels together."""
     drivetrain = model.drivetrain
     channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
     low, high = np.min(channels, axis=0, initial=0.0), np.max(channels, axis=0, initial=0.0)
@@ -176,7 +176,7 @@ def _drive(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
 
 
 def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Term]:
-    """Return the terms that the fields of the model name.  (1)"""
+    """Return the terms that the fields of the model define.  (1)"""
     by_name: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
     for field, p in all_parameters(blocks.model, "model"):
         if not p.term or p.role == "gain" or (field.startswith(OF_WHEELS) and not _track(blocks)):
@@ -196,7 +196,7 @@ def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Ter
 def _sizes(
     blocks: FittedBlocks, path: str, neutral: float, motions: Sequence[_TermMotion]
 ) -> tuple[float, ...]:
-    """Return where the search for a parameter begins; () if it changes nothing.  (1)"""
+    """Return the starts of the search for a parameter, () if it has no effect.  (1)"""
     most = np.max([m.most for m in motions], axis=0, initial=1e-9)
     with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
     slope = 0.0
@@ -226,7 +226,7 @@ def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
 
 
 def _of_drivetrain(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
-    moving = [m for m in motions if np.any(m.most > 0.0)]  # a servo alone moves nothing
+    moving = [m for m in motions if np.any(m.most > 0.0)]  # a servo without a motor moves nothing
     single, out = [m for m in moving if np.count_nonzero(m.w) == 1], []
     for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):
         commands = [(k, abs(float(m.w[k]))) for m in single for k in np.flatnonzero(sign * m.w > 0.0)]
@@ -257,7 +257,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def not_separated(term: Term, x: np.ndarray, sd: np.ndarray) -> Diagnostic | None:
-    """Return why the runs do not tell the battery's effect from the rest; None where they do: κ is in 0 to 1."""
+    """Return the reason why the runs do not separate the battery's effect, or None if κ is within 0 to 1."""
     half = QUANTILE_95 * float(sd[0])
     if term.paths != (BATTERY,) or (2.0 * half <= 1.0 and -half <= x[0] <= 1.0 + half):
         return None

@@ -1,4 +1,4 @@
-"""A run as a moving picture: one SVG file without a script, which stands still for a reader who wants no motion."""
+"""Show a run as an animation: one SVG file without a script, which stands still for a reader who prefers no motion."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from baqueano.errors import UsageError
 
 
 def picture_file(path: str | Path) -> Path:
-    """Return the path of a picture to be written.  UsageError where it has another ending than .svg."""
+    """Return the path of the picture to write. Raise UsageError if its ending is not .svg."""
     path = Path(path)
     if path.suffix.lower() != ".svg":
         fix = str(path.with_suffix(".svg"))

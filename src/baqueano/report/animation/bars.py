@@ -1,4 +1,4 @@
-"""The intervals of a fit that narrow as data come in: one fit for each length of the drive."""
+"""Show the intervals of a fit narrowing with more data: one fit for each length of the drive."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -23,7 +23,7 @@ class Stage(NamedTuple):
 
 
 def bars(fits: Sequence[tuple[float, "Fit"]], names: Sequence[str], truth: Sequence[float]) -> list[Stage]:
-    """Return a stage per (seconds, fit), of the parameters `names` with the true values `truth`, none of them 0."""
+    """Return a stage per (seconds, fit) for the parameters `names` with the nonzero true values `truth`."""
     out = []
     for seconds, fit in fits:
         rows = {row["name"]: row for row in fit.rows()}

@@ -1,6 +1,6 @@
-"""A scene and the stages of a fit as SVG. CSS keyframes move it, so a browser shows it in an <img> as well.
+"""Draw a scene and the stages of a fit as SVG, animated by CSS keyframes, so that it also moves in an <img>.
 
-What a reader sees who asked for no motion is the last instant: it is what each element has without its keyframes.
+A reader who prefers no motion sees the last instant, which is the state of each element without its keyframes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -39,7 +39,7 @@ text{fill:var(--ink)}.soft{fill:var(--soft)}.title{font-weight:600;font-size:16p
 
 
 def animation(of: Scene, stages: Sequence[Stage] = (), labels: Sequence[str] = ()) -> str:
-    """Return the SVG of a scene, beside it the stages of a fit whose parameters are called `labels`."""
+    """Return the SVG of a scene, with the stages of a fit beside it; `labels` name its parameters."""
     clock = _Clock(of, bool(stages))
     parts = [
         *_path(of, clock),
@@ -58,7 +58,7 @@ def animation(of: Scene, stages: Sequence[Stage] = (), labels: Sequence[str] = (
 
 
 class _Clock:
-    """The time of the picture: a fit and the teaching, the laps, a rest; then from the start."""
+    """The time of the picture: a fit and the teaching, the laps, a rest; then from the start again."""
 
     def __init__(self, of: Scene, teaches: bool) -> None:
         self.begin_s = FIT_S if teaches else 0.6
@@ -68,7 +68,7 @@ class _Clock:
         self._end_s = float(of.t_s[-1])
 
     def at(self, t_s: float) -> float:
-        """Return when in the picture the instant `t_s` of the run is, in seconds."""
+        """Return the time of the picture [s] at the instant `t_s` of the run."""
         return self.begin_s + self.laps_s * t_s / self._end_s
 
     def part(self, picture_s: float) -> str:
@@ -80,7 +80,7 @@ class _Clock:
         return f"animation:{name} {self.whole_s:g}s linear infinite"
 
     def visible(self, name: str, from_s: float, to_s: float, fade_s: float = 0.15) -> str:
-        """Return the style of what appears and goes again; what stays to the end stays at rest."""
+        """Return the style of an element that appears and disappears; one that lasts to the end stays visible."""
         end = self.whole_s if to_s >= self.whole_s else to_s
         steps = [(0.0, "opacity:0"), (from_s, "opacity:0"), (min(from_s + fade_s, end), "opacity:1")]
         steps += [(end, "opacity:1")] if end >= self.whole_s else [(end, "opacity:1"), (end + fade_s, "opacity:0"),
@@ -89,7 +89,7 @@ class _Clock:
 
 
 class _Map:
-    """From metres to the picture: x to the right, y up, the same scale for both."""
+    """The conversion from metres to the picture: x to the right, y up, the same scale for both."""
 
     def __init__(self, of: Scene) -> None:
         poses_list = [poses[:, :2] for poses in (of.estimated, of.true, of.route) if poses is not None]
@@ -103,12 +103,12 @@ class _Map:
         self._middle = (low + high) / 2
 
     def __call__(self, xy: np.ndarray) -> np.ndarray:
-        """Return (…, 2) px."""
+        """Return the position (…, 2) in the picture [px]."""
         centre = np.array([(LEFT + MARGIN) / 2 + 6, HIGH / 2])
         return centre + self.scale * (xy - self._middle) * np.array([1.0, -1.0])
 
     def pose(self, eta: np.ndarray, turned_deg: float) -> str:
-        """Return the transform of a body, whose heading is unwrapped."""
+        """Return the CSS transform of a body at this pose, with its unwrapped heading [°]."""
         x, y = self(eta[:2])
         return f"transform:translate({x:.1f}px,{y:.1f}px)rotate({-turned_deg:.0f}deg)"
 
@@ -149,19 +149,22 @@ def _path(of: Scene, clock: _Clock) -> list[str]:
 
 
 def _lesson_steps(of: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, float]]:
-    """Return (seconds, pose, heading [°]) along the route, while it is taught."""
+    """Return (seconds, pose, heading [°]) along the route while it is taught."""
     assert of.route is not None
     xy = of.route[:: max(1, len(of.route) // 40)]
     ahead = np.diff(xy, axis=0, append=xy[:1])
     heading = np.degrees(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])))
     when = np.linspace(0.0, clock.begin_s - 0.3, len(xy))
     first = np.degrees(np.unwrap(of.vehicle_poses[:, 2]))[0]
-    heading += 360.0 * round((first - heading[-1]) / 360.0)  # it need not turn round before the first lap
+    heading += 360.0 * round((first - heading[-1]) / 360.0)  # so that it does not turn before the first lap
     return [(float(s), np.append(p, 0.0), float(deg)) for s, p, deg in zip(when, xy, heading, strict=True)]
 
 
 def _trail(of: Scene, to: _Map, clock: _Clock) -> list[str]:
-    """Return corridor, belief and truth from instant to instant; each stays for a lap, the last to the end."""
+    """Return the corridor, the estimated and the true path between instants.
+
+    Each segment stays for a lap, those of the last lap stay to the end.
+    """
     out = []
     a_lap = clock.laps_s / of.laps
     steps = "0%{opacity:0}0.6%{opacity:1}%s{opacity:1}%s{opacity:0}100%%{opacity:0}"
@@ -194,7 +197,7 @@ def _quad(of: Scene, to: _Map, k: int) -> str:
 
 
 def _readout(of: Scene, clock: _Clock, y: float) -> list[str]:
-    """Return the lap, how well the place is known at its end, and how far off it is in truth."""
+    """Return the lap number, the width of the corridor at its end, and the true position error there."""
     out = []
     for lap in range(1, of.laps + 1):
         k = round(lap * (len(of.t_s) - 1) / of.laps)
@@ -228,7 +231,7 @@ def _length(length_m: float) -> str:
 
 
 def _legend(of: Scene, y: float) -> list[str]:
-    """Return a line for each thing that is drawn."""
+    """Return a line for each drawn element."""
     entries = [("route", _("taught path"), of.route is not None),
              ("band", _("corridor, 95 %"), of.half_m is not None),
              ("sure", _("estimated path"), of.estimated is not None),
@@ -246,7 +249,7 @@ def _legend(of: Scene, y: float) -> list[str]:
 
 
 def _fit_parts(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) -> list[str]:
-    """Return the intervals, which narrow from stage to stage, and the seconds and verdict of each stage."""
+    """Return the intervals, which narrow from stage to stage, and the duration and verdict of each stage."""
     x, zero, top = LEFT + 50, WIDE - MARGIN - AXIS - 24, 98.0
     each_s = (clock.begin_s - 0.4) / len(stages)
     title, below = _("What it learns while it drives"), _("error bars of the fit, 95 %; dotted: the truth")
@@ -282,7 +285,7 @@ def _fit_parts(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) ->
 
 
 def _interval(stage: Stage, row: int) -> str:
-    """Return the CSS of an interval; what reaches beyond the axis ends there."""
+    """Return the CSS of an interval, cut off at the ends of the axis."""
     off, half = stage.off[row], stage.half[row]
     if not np.isfinite(off + half):
         off, half = 0.0, BAR

@@ -1,4 +1,4 @@
-"""The motion of a run at a few hundred instants: where the vehicle was, where it believed to be, how sure it was."""
+"""Sample the motion of a run at a few hundred instants: true pose, estimated pose, and its uncertainty."""
 
 import tomllib
 from dataclasses import dataclass
@@ -19,26 +19,26 @@ RADIUS_M = 0.07  # of the body, where the vehicle file has no size
 
 @dataclass(frozen=True)
 class Scene:
-    """Poses (M, 3) at M instants of equal distance; what a run does not have is None."""
+    """Poses (M, 3) at M equally spaced instants; data that a run lacks are None."""
 
     t_s: np.ndarray  # (M,) since the first tick
     estimated: np.ndarray | None  # (M, 3)
     true: np.ndarray | None  # (M, 3)
     half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN where the vehicle is lost
-    route: np.ndarray | None  # (K, 2) one lap of what it was to drive
+    route: np.ndarray | None  # (K, 2) one lap of the reference path
     laps: int
     radius_m: float
 
     @property
     def vehicle_poses(self) -> np.ndarray:
-        """(M, 3) where the vehicle is drawn: where it was, else where it believed to be."""
+        """Return the poses (M, 3) at which the vehicle is drawn: true ones, or estimated ones without a truth."""
         poses = self.estimated if self.true is None else self.true
         assert poses is not None
         return poses
 
 
 def scene(run: Run) -> Scene:
-    """Return what moves in a run.  AnswerNo where nothing says where the vehicle went."""
+    """Return the scene of a run. Raise AnswerNo for a run without estimates and truth."""
     if run.estimate is None and run.truth is None:
         raise AnswerNo(fault("report.nothing-moves", typed("replay", run.name), name=run.name))
     corridor = corridor_of(run) if run.estimate is not None else None
@@ -61,14 +61,14 @@ def scene(run: Run) -> Scene:
 
 
 def _fill(poses: np.ndarray) -> np.ndarray:
-    """Return the poses with what a gap of the log hides taken from the instant before; at the start, after."""
+    """Return the poses with each gap filled by the previous pose; a gap at the start by the first pose."""
     finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
     at = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
     return poses[finite[at]]
 
 
 def _radius_m(run: Run) -> float:
-    """Return half the width of the body, by the vehicle file in the run."""
+    """Return half the width of the body [m], from the vehicle file in the run."""
     geometry = tomllib.loads(run.vehicle_text).get("geometry", {})
     if "radius_m" in geometry:
         return float(geometry["radius_m"])

@@ -1,16 +1,16 @@
-"""Bus recovery: a chip that was cut off in the middle of a byte holds SDA low until it has the clocks it waits for.
+"""Free an I2C bus: a chip that was cut off in the middle of a byte holds SDA low until it gets its missing clocks.
 
     at most nine times, until SDA is high:  SCL low, SCL released, with SDA released                    (1)
     STOP:  SCL low, SDA low, SCL released, SDA released                                                 (2)
 
-UM10204 (the I2C specification) 3.1.16. SDA is high, too, where the chip sends a 1: then (2) does not come about, and
-(1) goes on. The ninth clock finds SDA released where an acknowledge would be, which ends a read for every chip.
+UM10204 (the I2C specification) 3.1.16. SDA is also high if the chip sends a 1: then (2) fails and (1) goes on. The
+ninth clock finds SDA released in place of an acknowledge, which ends a read for every chip.
 
-The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. Raspberry Pi OS has the command `pinctrl` (package
-raspi-utils), which the group gpio may use. The lines are open drain: each is driven low or released, never driven
-high. (`pinctrl` makes a pin an output before it sets its level: it has the level of before for less than a
-microsecond.) Both pins return to I2C in every ending, or by the next recovery. It takes some tenths of a
-second: only while the vehicle stands.
+The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. The command `pinctrl` of Raspberry Pi OS (package
+raspi-utils) can, and the group gpio may use it. The lines are open drain: each is driven low or released, never
+driven high. (`pinctrl` makes a pin an output before it sets its level: the old level stays for less than a
+microsecond.) Both pins return to I2C mode at every end, or at the next recovery. A recovery takes some tenths of a
+second: only at rest.
 """
 
 import os
@@ -31,32 +31,32 @@ SDA, SCL, BOTH = "2", "3", "2,3"  # GPIO
 I2C, LEFT_BEHIND = "a0", ("ip", "op")
 LOW, LET_GO = ("op", "dl"), ("ip", "pu")
 CLOCKS = 9
-CALL_S, ALL_S = 1.0, 2.0  # that one call, and all until the pins are given back, may take
+CALL_S, ALL_S = 1.0, 2.0  # time limits: of one call, and of all calls until the pins are given back
 AGAIN_NS = 5_000_000_000
 LINE = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
 
 
 class RecoveryOutcome(NamedTuple):
-    """Result of a recovery."""
+    """The result of a recovery."""
 
     freed: bool
     message: Diagnostic
 
     @property
     def text(self) -> str:
-        """Return its sentence."""
+        """Return the message as a sentence."""
         return text(self.message)
 
 
 class BusLine(NamedTuple):
-    """A line of the bus: the function of its pin, and its level."""
+    """A line of the bus: the function of its pin, and if its level is high."""
 
     function: str
     high: bool
 
 
 class Recovery:
-    """Recoveries of the bus at `path`, each in a thread of its own, none within 5 s of the last."""
+    """Recoveries of the bus at `path`, each in a separate thread, with at least 5 s between two starts."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -70,14 +70,14 @@ class Recovery:
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
-        """Begins one, if it is time for it."""
+        """Begin a recovery, if none runs and 5 s have passed since the last one began."""
         if not self.running and now_ns >= self._next_ns:
             self._next_ns = now_ns + AGAIN_NS
             self._thread = threading.Thread(target=self._work, name="bus recovery")
             self._thread.start()
 
     def taken(self) -> RecoveryOutcome | None:
-        """Return the outcome of the last one, once; None while it runs."""
+        """Return the outcome of the last recovery, once; None while one runs or without a new outcome."""
         if self.running:
             return None
         outcome, self._outcome = self._outcome, None
@@ -91,13 +91,13 @@ class Recovery:
     def _work(self) -> None:
         with suppress(
             AttributeError, OSError
-        ):  # of this thread: its programs have time, the service's ticks have not
+        ):  # this thread alone loses the real-time priority, which the service's ticks need
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         self._outcome = recover(self._path)
 
 
 def recover(path: str) -> RecoveryOutcome:
-    """Clocks the bus at `path` free if a chip holds SDA; what is not held is not touched. Never raises for the bus."""
+    """Clock the bus at `path` free if a chip holds SDA; a free bus is not touched. Never raises an error of the bus."""
     try:
         pins = _pins(path)
         sda, scl = pins.look()
@@ -120,8 +120,10 @@ def recover(path: str) -> RecoveryOutcome:
 
 
 def recoverable(path: str, model: Path) -> tuple[str, str, str]:
-    """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
-    figure and a remedy of doctor.py."""
+    """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`.
+
+    Return a verdict, a figure and a remedy as in doctor.py.
+    """
     if not model.exists() or "Raspberry Pi" not in model.read_text(encoding="utf-8"):
         return "unknown", _("this machine is not a Raspberry Pi"), ""
     try:
@@ -146,13 +148,13 @@ def recoverable(path: str, model: Path) -> tuple[str, str, str]:
 
 
 class _Pins:
-    """Both lines, by calls of `program`. RobotUnreachable where it refuses, or where the time is over."""
+    """The pins of both lines, by calls of `program`. RobotUnreachable if it refuses, or if the time is over."""
 
     def __init__(self, program: str) -> None:
         self._program, self._end_s = program, time.monotonic() + ALL_S
 
     def look(self) -> tuple[BusLine, BusLine]:
-        """SDA and SCL."""
+        """Return the states of SDA and SCL."""
         reply = self._call("get", BOTH)
         lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(reply)}
         if len(lines) != 2:
@@ -160,16 +162,16 @@ class _Pins:
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:
-        """Function, pull and level of a pin."""
+        """Set function, pull and level of a pin. RobotUnreachable if `pinctrl` refuses."""
         if refusal := self._call(
             "set", pin, *options
-        ):  # it says something where it refuses, and ends well all the same
+        ):  # if it refuses, it writes a message and still exits with 0
             raise RobotUnreachable(
                 fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=refusal)
             )
 
     def give_back(self) -> None:
-        """Put both pins back into I2C mode; tried twice, however late it is."""
+        """Put both pins back into I2C mode, in at most two attempts and without the time limit."""
         self._end_s = float("inf")
         cause = ""
         for _try in range(2):
@@ -182,7 +184,7 @@ class _Pins:
         raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=cause))
 
     def _call(self, *words: str) -> str:
-        import subprocess  # the service starts without it: hardly ever is a bus held
+        import subprocess  # loaded late, for a fast start of the service: a bus is rarely held
 
         command = " ".join(("pinctrl", *words))
         if time.monotonic() > self._end_s:
@@ -207,7 +209,7 @@ class _Pins:
 
 
 def _pins(path: str) -> _Pins:
-    """The pins of the bus at `path`; RobotUnreachable where they are others, or without `pinctrl`."""
+    """Return the pins of the bus at `path`. RobotUnreachable if they have another function, or without `pinctrl`."""
     if Path(path).name != BUS:
         raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS))
     import shutil
@@ -238,7 +240,7 @@ def _send_clocks(pins: _Pins) -> RecoveryOutcome:
 
 
 def _send_stop(pins: _Pins) -> bool:
-    """(2); whether it came about."""
+    """Send the STOP and return True if SDA rose.  (2)"""
     pins.set(SCL, *LOW)
     pins.set(SDA, *LOW)
     pins.set(SCL, *LET_GO)

@@ -1,16 +1,16 @@
-"""The chips that are sold as an MPU-6050, by what they answer in WHO_AM_I (0x75), and where they differ.
+"""List the chips that are sold as an MPU-6050, by their answer in WHO_AM_I (0x75), and their differences.
 
     a [m/s²] = raw · range_g · g / 2¹⁵                                                                    (1)
     ω [rad/s] = raw · (π/180) / s,  s = 131, 65.5, 32.8, 16.4 for ±250, 500, 1000, 2000 °/s     (2)
     T [°C] = raw / lsb_per_c + offset_c                                                                   (3)
 
-Two families. The 6050's filter (CONFIG, 0x1A) serves both sensors; the 6500 has one of its own for the accelerometer
-(ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves wide open. Its temperature scale and its self-test registers
-differ. The 6050's FIFO holds 1024 bytes, that of the others 512 as they come out of reset.
+There are two families. The 6050's filter (CONFIG, 0x1A) serves both sensors. The 6500 has a separate filter for the
+accelerometer (ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves wide open. Its temperature scale and its
+self-test registers differ. After a reset the 6050's FIFO holds 1024 bytes, that of the others 512.
 
 Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1, RM-MPU-9250A 1.6; Linux, inv_mpu6050. The widths and delays
-of the filters stand in sensors/imu_filter.py. What answers 0x72 and 0x75 is not in any map: taken for a 6500, as an
-unknown id is, without a temperature.
+of the filters are in sensors/imu_filter.py. Chips that answer 0x72 or 0x75 are in no register map: as an unknown id,
+they are driven as a 6500, without a temperature.
 """
 
 import math
@@ -25,7 +25,7 @@ GYRO_LSB_PER_DPS = (131.0, 65.5, 32.8, 16.4)
 
 
 class Chip(NamedTuple):
-    """The properties of a chip. `lsb_per_c` is None where the scale is unknown."""
+    """The properties of a chip. `lsb_per_c` is None if the scale is unknown."""
 
     name: str
     own_accel_filter: bool
@@ -36,11 +36,11 @@ class Chip(NamedTuple):
 
     @property
     def bands(self) -> dict[int, FilterBand]:
-        """Setting of the filter → what it does; only those that leave the gyro at 1 kHz."""
+        """Return the band of each filter setting, only of those that leave the gyro at 1 kHz."""
         return BANDS_6500 if self.own_accel_filter else BANDS_6050
 
     def celsius(self, raw: int) -> float:
-        """Temperature [°C]; NaN where the scale is not known.  (3)"""
+        """Return the temperature [°C]; NaN if the scale is unknown.  (3)"""
         return math.nan if self.lsb_per_c is None else raw / self.lsb_per_c + self.offset_c
 
 
@@ -68,16 +68,16 @@ CHIPS = {
 
 
 def chip_of(who_am_i: int) -> Chip:
-    """The chip that answers so; one that nobody listed is driven as a 6500, and `is_listed` is False."""
+    """Return the chip with this answer. An unlisted chip is driven as a 6500, and its `is_listed` is False."""
     unknown_chip = Chip(f"unknown chip 0x{who_am_i:02X}", True, 512, None, 0.0, is_listed=False)
     return CHIPS.get(who_am_i, unknown_chip)
 
 
 def accel_scale(range_g: int) -> float:
-    """m/s² per LSB.  (1)"""
+    """Return the scale of the accelerometer [m/s² per LSB].  (1)"""
     return range_g * STANDARD_GRAVITY / 32768.0
 
 
 def gyro_scale(range_dps: int) -> float:
-    """rad/s per LSB.  (2)"""
+    """Return the scale of the gyro [rad/s per LSB].  (2)"""
     return math.radians(1.0 / GYRO_LSB_PER_DPS[GYRO_RANGES_DPS.index(range_dps)])

@@ -1,13 +1,13 @@
-"""Open the IMU, say what was found, see whether it can be believed, test it against its factory.
+"""Open the IMU, report the chip that was found, and check that its values at rest are plausible.
 
-A chip that nobody listed is driven as its relatives are, with a warning, if what it says at rest is possible: |a|
-within 0.15 g of 1 g and no rate above 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A chip that is known may be
-in motion: there the same findings are warnings.
+An unlisted chip is driven as its relatives, with a warning, if its values at rest are possible: |a| within 0.15 g of
+1 g and no rate above 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A listed chip may be in motion: its findings
+are only warnings.
 
-One burst of 14 bytes is 156 bit times on the bus; four address bytes and registers, 14 data, 9 bits each, with start
-and stop: its time tells the clock the bus really has, which on a Raspberry Pi follows the core's.
+One burst of 14 bytes takes 156 bit times on the bus: 4 bytes of address and register and 14 of data, 9 bits each, with
+start and stop. Its duration therefore shows the real clock of the bus, which on a Raspberry Pi follows the core's.
 
-`open` shadows the built-in on purpose: `imu.open(...)`, then `imu.read()` on what it gives.
+`open` shadows the built-in on purpose: `imu.open(...)` returns an IMU, and `imu.read()` reads it.
 """
 
 import time
@@ -47,11 +47,11 @@ def open(
     now_ns: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], object] = time.sleep,
 ) -> Mpu6050:
-    """The IMU on /dev/i2c-`bus` (or a path), running; tells `say` what was found. Its `read()` gives the samples since
-    the last call, in m/s² and rad/s: a vehicle at rest feels +g on z. `now_ns` is the clock of their stamps.
+    """Return the running IMU on /dev/i2c-`bus` (or a path), and report the findings by `say`.
 
-    `address` 0x68 or 0x69; None asks both. RobotUnreachable if nothing answers, or what does cannot be an IMU;
-    UsageError off Linux.
+    Its `read()` returns the samples since the last call, in m/s² and rad/s: at rest the accelerometer shows +g on z.
+    `now_ns` is the clock of their timestamps. `address` is 0x68 or 0x69; None tries both. RobotUnreachable if no device
+    answers, or if the one that answers cannot be an IMU; UsageError on a system other than Linux.
 
     >>> imu = open(say=None)  # /dev/i2c-1
     >>> print(imu.identity.chip, f"at 0x{imu.identity.address:02x} feels {imu.identity.accel_ms2:.1f} m/s²")
@@ -74,7 +74,7 @@ def open(
 
 
 def of(hardware: "Hardware", say: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
-    """The IMU of [robot], running; in the axes of its chip, where it is not known yet how it sits."""
+    """Return the running IMU of [robot]. `in_chip_axes` keeps the chip's axes, for a mounting that is not yet known."""
     settings = ImuSettings(
         filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
         gyro_range_dps=round(hardware.imu_gyro_range_dps),
@@ -84,7 +84,7 @@ def of(hardware: "Hardware", say: Callable[[str], object] | None, in_chip_axes: 
 
 
 def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> float:
-    """The least time [s] of a burst of 14 bytes; NaN if none came through."""
+    """Return the shortest duration [s] of a burst of 14 bytes in `times` attempts; NaN if all failed."""
     best = float("nan")
     for _time in range(times):
         start = now_ns()
@@ -97,7 +97,7 @@ def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> 
 
 
 def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
-    """Return the findings, for people."""
+    """Return the findings as lines of text."""
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
     warm = "" if np.isnan(identity.temperature_c) else f", {number(identity.temperature_c):.1f} °C"
@@ -145,7 +145,7 @@ def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
 def _rest(
     imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callable[[float], object]
 ) -> OpenedImu:
-    """Start the chip, look at its first samples and judge them."""
+    """Start the chip, read its first samples and judge them."""
     samples, began = [], now_ns()
     while len(samples) < REST_SAMPLES:
         samples += imu.read()
@@ -177,7 +177,7 @@ def _rest(
 
 
 def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]:
-    """Return the oddities. RobotUnreachable for an unknown chip with impossible numbers."""
+    """Return the implausible values as warnings. RobotUnreachable for an unlisted chip with impossible values."""
     odd = []
     if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_SLACK:
         odd.append(

@@ -1,13 +1,14 @@
-"""A device on an I2C bus of Linux: whole bursts, and no call that hangs.
+"""Transfer whole bursts to and from a device on an I2C bus of Linux, without a call that hangs.
 
 A burst is one combined transfer: the register is written, and after a repeated start its bytes are read. The
-Raspberry Pi's controller (i2c-bcm2835) takes one read in a transfer, and that one last: no burst here asks more.
+Raspberry Pi's controller (i2c-bcm2835) accepts one read in a transfer, and only at its end: every burst here fits that.
 
-The kernel lets a transfer on a held bus wait one second. `TIMEOUT_10MS` makes that 40 ms, which is what 16 samples of
-14 bytes need at 62.5 kHz. That is the slowest clock of a Pi 3 that was set to 100 kHz. It holds for the whole bus.
+The kernel's default timeout of a transfer on a held bus is one second. `TIMEOUT_10MS` makes it 40 ms, which is enough
+for 16 samples of 14 bytes at 62.5 kHz. That is the slowest clock of a Pi 3 that was set to 100 kHz. The timeout applies
+to the whole bus.
 
-A device that was cut off in the middle of a byte may hold SDA low. Nothing that a program may do through /dev/i2c-N
-frees it; nine clocks on SCL by GPIO do (bus_recovery.py), and so does cutting the device's power.
+A device that was cut off in the middle of a byte may hold SDA low. No request through /dev/i2c-N frees it. Nine clocks
+on SCL by GPIO do (bus_recovery.py), and so does cutting the device's power.
 """
 
 import errno
@@ -24,7 +25,7 @@ HELD = (errno.ETIMEDOUT, errno.EAGAIN)  # a line does not rise; arbitration lost
 
 @dataclass
 class Device:
-    """A device with registers at `address` of `path`, as "/dev/i2c-1".  Errors of a transfer are OSError."""
+    """A device with registers at `address` of the bus `path`, as "/dev/i2c-1". Errors of a transfer are OSError."""
 
     path: str
     address: int
@@ -32,7 +33,7 @@ class Device:
     _message: Any = field(default=None, init=False, repr=False)
 
     def open(self) -> None:
-        """Open the bus. UsageError without Linux or smbus2, RobotUnreachable without the bus or the right to it."""
+        """Open the bus. UsageError without smbus2, RobotUnreachable if the bus is missing or access is not allowed."""
         message, bus_class = _smbus2()
         self.close()
         try:
@@ -45,19 +46,19 @@ class Device:
         self._bound_the_wait()
 
     def close(self) -> None:
-        """Close the bus; nothing where it is closed."""
+        """Close the bus if it is open."""
         if self._bus is not None:
             self._bus.close()
             self._bus = None
 
     def read(self, register: int, count: int) -> bytes:
-        """`count` bytes from `register` on, in one transfer."""
+        """Return `count` bytes from `register` on, read in one transfer."""
         data = self._message.read(self.address, count)
         self._transfer(self._message.write(self.address, (register,)), data)
         return bytes(data)
 
     def write(self, register: int, *values: int) -> None:
-        """`values`, bytes, into `register` and those after it, in one transfer."""
+        """Write the bytes `values` into `register` and the following ones, in one transfer."""
         self._transfer(self._message.write(self.address, (register, *values)))
 
     def _transfer(self, *messages: object) -> None:
@@ -66,7 +67,7 @@ class Device:
         self._bus.i2c_rdwr(*messages)
 
     def _bound_the_wait(self) -> None:
-        """Set the kernel's limit for a transfer; some adapters keep their own."""
+        """Set the kernel's timeout for a transfer; some adapters keep their own."""
         import fcntl
 
         for request, value in ((I2C_RETRIES, 0), (I2C_TIMEOUT, TIMEOUT_10MS)):
@@ -78,12 +79,12 @@ class Device:
 
 
 def is_stuck_low(error: OSError) -> bool:
-    """Return True if the error means a bus stuck low, and not a silent device."""
+    """Return True if the error means a bus stuck low instead of a silent device."""
     return error.errno in HELD
 
 
 def _smbus2() -> tuple[Any, Any]:
-    """smbus2's message and bus classes."""
+    """Return the message class and the bus class of smbus2. UsageError if it is not installed."""
     try:
         from smbus2 import SMBus, i2c_msg
     except ImportError:

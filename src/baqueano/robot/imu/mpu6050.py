@@ -1,17 +1,17 @@
-"""The MPU-6050 and the chips sold under its name, read by a loop that may not wait.
+"""Read the MPU-6050 and the chips sold under its name, for a loop that must not wait.
 
-    failure                    what is done                                        event
-    transfer fails             once more at once; not if it had to wait            (counted)
+    failure                    reaction                                            event
+    transfer fails             repeated once at once; not if it had to wait        (counted)
     three calls fail           bus opened again, chip started again                restart
-    chip forgot its registers  noticed within 1 s; started again                   forgot
-    nothing for 0.5 s          chip started again, then each second; one event     silent, back
-    words repeat for 0.1 s     held back, chip started again                       frozen
-    axis at its end for 0.1 s  event                                               saturated
-    FIFO full or out of step   emptied; what it held is lost                       overflow
-    bus held low               clocked free where the vehicle stands (`free_bus`)  held
+    chip lost its registers    noticed within 1 s; started again                   forgot
+    no data for 0.5 s          chip started again, then each second; one event     silent, back
+    words repeat for 0.1 s     withheld, chip started again                        frozen
+    axis saturated for 0.1 s   event                                               saturated
+    FIFO full or out of step   emptied; its content is lost                        overflow
+    bus held low               clocked free while the vehicle rests (`free_bus`)   held
     chip runs again                                                                started
 
-Modes, stamps and axes: `Mpu6050`.
+The class `Mpu6050` describes modes, timestamps and axes.
 """
 
 import errno
@@ -40,27 +40,27 @@ WORDS = 14  # bytes of a sample: accelerometer, temperature, gyro
 MOST = 16  # samples in one transfer: 5 ms at 400 kHz
 MARGIN = 3  # samples; a FIFO nearer to its end than this may have lost some
 FAILURES = 3
-DROUGHT = 5  # samples that do not come until the chip is asked for its registers
+DROUGHT = 5  # missing samples after which the registers of the chip are checked
 Batch = tuple[list[Row], list[int]]  # raw words and their times
 NOTHING: Batch = ([], [])
 WORD = struct.Struct(">7h")
 
 
 class Mpu6050:
-    """An IMU that runs; made by `imu.open`. `now_ns` is the host's clock, the one of all stamps.
+    """A running IMU, made by `imu.open`. `now_ns` is the host's clock, which all timestamps use.
 
-    `read()` returns the samples since the last call at once: a few short transfers, none of which waits longer than
-    i2c.py's bound, and none after one that had to wait. The chip is started step by step: a step that must wait is
-    continued at a later call.
+    `read()` returns the samples since the last call at once. It makes a few short transfers, each within the timeout of
+    i2c.py, and none after one that had to wait. The chip is started step by step: a step that must wait is continued at
+    a later call.
 
-    Modes. "fifo": the chip keeps the samples; they are stamped by the chip's own period (sample_clock.py). "burst":
-    the newest sample alone, with its flag of being fresh, in one read of 15 bytes. Its stamp is the middle of the time
-    in which it must have come; for a bus that cannot carry all samples. Registers are never read one by one: a word
-    could be torn between two samples. The INT pin is not needed; it pulses for each sample, for an oscilloscope.
+    Modes. "fifo": the chip stores the samples, and their timestamps follow the chip's period (sample_clock.py).
+    "burst": only the newest sample, with its flag of being new, in one read of 15 bytes. Its timestamp is the middle of
+    the interval in which it arrived. Use it for a bus that is too slow for all samples. Registers are never read one by
+    one: a word could mix two samples. The INT pin is not needed; it pulses for each sample, for an oscilloscope.
 
-    A stamp is the time at which the chip took the sample out of its filter; the motion is older by `delay_s`. Axes are
-    those of the chip, right-handed, turned by `ImuSettings.axes` to the vehicle's (x ahead, y left, z up). At rest and
-    level the accelerometer shows +g on z, as a specific force does.
+    A timestamp is the time at which the chip took the sample out of its filter; the motion is older by `delay_s`. The
+    chip's right-handed axes are turned by `ImuSettings.axes` to the vehicle's (x ahead, y left, z up). The
+    accelerometer measures the specific force: at rest and level +g on z.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Mpu6050:
         self._recovery = Recovery(device.path)
         self._steps: Iterator[int] | None = self._start()
         self._closed = False
-        self._start_reported = False  # that the chip is being started, and not yet that it runs
+        self._start_reported = False  # a restart was reported, its end not yet
         self._wait_until = 0
         self._check_at = 0
         self._failures = 0
@@ -89,33 +89,33 @@ class Mpu6050:
 
     @property
     def delay_s(self) -> tuple[float, float]:
-        """Delay of the filter [s]: of the accelerometer, of the gyro."""
+        """Return the delays of the filter [s]: of the accelerometer, of the gyro."""
         band = self.chip.bands[self.settings.filter]
         return band.accel_delay_s, band.gyro_delay_s
 
     @property
     def rate_hz(self) -> float:
-        """Samples a second of the host's clock, as measured; in burst mode what was asked for."""
+        """Return the measured sampling rate by the host's clock [Hz]; in burst mode the nominal rate."""
         return self.clock.rate_hz
 
     @property
     def running(self) -> bool:
-        """Return True if the chip is started; not while it is being started again."""
+        """Return True if the chip is started, False during a restart."""
         return self._steps is None
 
     @property
     def silent(self) -> bool:
-        """Return True after 0.5 s without data: stop the motors."""
+        """Return True after 0.5 s without data: then the motors must stop."""
         return self._watch.silent
 
     @property
     def bus_stuck(self) -> bool:
-        """Return True if the last transfer met a bus stuck low."""
+        """Return True if the bus was stuck low at the last transfer."""
         return self._watch.bus_stuck
 
     @property
     def notes(self) -> tuple[Diagnostic | str, ...]:
-        """Return the chip and its oddities, for the beginning of a run."""
+        """Return the name of the chip and its warnings, for the beginning of a run."""
         identity = self.identity
         return (
             ()
@@ -131,18 +131,21 @@ class Mpu6050:
         return self._watch.take()
 
     def free_bus(self) -> RecoveryOutcome | None:
-        """Clock a stuck bus free beside the caller; at each look, for a caller who knows that the vehicle is at rest.
-        What came of the last time, once. Meanwhile `read` gives nothing; then it starts the chip."""
+        """Clock a stuck bus free in a second thread, and return the outcome of the last attempt, once.
+
+        The caller must know that the vehicle is at rest. During the recovery `read` returns an empty list; afterwards
+        it starts the chip.
+        """
         if self.silent and self.bus_stuck:
             self._recovery.begin(self._now_ns())
         return self._recovery.taken()
 
     def start_again(self) -> None:
-        """Start the chip anew, by the reads that follow; for a caller who has written its registers."""
+        """Start the chip again during the following reads, after the caller has written its registers."""
         self._restart(self._now_ns())
 
     def close(self) -> None:
-        """Put the chip to sleep if it can be reached, and close the bus."""
+        """Put the chip to sleep if it answers, and close the bus."""
         self._closed = True
         self._recovery.wait()
         try:
@@ -153,7 +156,7 @@ class Mpu6050:
             self.device.close()
 
     def read(self) -> list[Sample]:
-        """The samples since the last call, oldest first; empty without any. Never raises for the bus."""
+        """Return the samples since the last call, oldest first. Never raises an error of the bus."""
         if self._closed or self._recovery.running:
             return []
         now = self._now_ns()
@@ -170,7 +173,7 @@ class Mpu6050:
         return self._samples(rows, times, keep)
 
     def _samples(self, rows: list[Row], times: list[int], keep: list[bool]) -> list[Sample]:
-        """Raw words in SI units, turned."""
+        """Return the raw words that `keep` selects as samples in SI units and body axes."""
         if not rows:
             return []
         raw = np.array(rows, dtype=float)
@@ -179,7 +182,7 @@ class Mpu6050:
         return [Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if keep[i]]
 
     def _fresh(self, now: int) -> Batch:
-        """Return the new samples, tried twice."""
+        """Return the new samples, in at most two attempts."""
         try:
             return self._look(now)
         except OSError as error:
@@ -189,7 +192,7 @@ class Mpu6050:
             return self._look(now)
 
     def _look(self, now: int) -> Batch:
-        """Return the new samples, after a look at the registers when it is time for one."""
+        """Return the new samples; once a second the registers are checked first."""
         if now >= self._check_at:
             if not self._remembers(now):
                 return NOTHING
@@ -224,7 +227,7 @@ class Mpu6050:
         return list(WORD.iter_unpack(data)), times
 
     def _from_registers(self) -> Batch:
-        """The newest sample if it is fresh."""
+        """Return the newest sample if it is new."""
         before = self._now_ns()
         data = self.device.read(INT_STATUS, 1 + WORDS)
         earliest = max(self._look_ns, before - SECOND // self.settings.rate_hz)
@@ -234,18 +237,18 @@ class Mpu6050:
         return [WORD.unpack(data[1:])], [(earliest + before) // 2]
 
     def _none(self) -> Batch:
-        """Note a missing sample; after several, the next call reads the registers of the chip."""
+        """Return an empty batch; after several in a row, the next call checks the registers of the chip."""
         self._check_at = min(self._check_at, self._watch.last_ns + DROUGHT * SECOND // self.settings.rate_hz)
         return NOTHING
 
     def _registers(self) -> tuple[int, ...]:
-        """Return the expected content of SMPLRT_DIV and those after it."""
+        """Return the expected content of SMPLRT_DIV and the registers after it."""
         s = self.settings
         own = (s.filter,) if self.chip.own_accel_filter else ()
         return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *own)
 
     def _remembers(self, now: int) -> bool:
-        """Return True if the chip still has its registers; else it is being started again."""
+        """Return True if the chip still has its settings; otherwise report the loss and restart it."""
         expected = bytes(self._registers())
         registers = self.device.read(SMPLRT_DIV, len(expected))
         control, power = self.device.read(USER_CTRL, 2)
@@ -262,7 +265,7 @@ class Mpu6050:
         return FIFO_ON if self.settings.mode == "fifo" else 0
 
     def _start(self, reopen: bool = False) -> Iterator[int]:
-        """Start the chip from anything; gives the milliseconds to wait before the next step."""
+        """Start the chip from any state; yield the milliseconds to wait before each next step."""
         if reopen:
             self.device.open()
             yield 0
@@ -283,7 +286,7 @@ class Mpu6050:
         self._empty()
 
     def _empty(self) -> None:
-        """An empty FIFO, and samples counted from 0; FIFO_RESET is ignored while the FIFO is on."""
+        """Empty the FIFO and count samples from 0 again. FIFO_RESET is ignored while the FIFO is on."""
         self.device.write(USER_CTRL, FIFO_RESET)
         if self._control:
             self.device.write(USER_CTRL, self._control)
@@ -291,7 +294,7 @@ class Mpu6050:
         self._index = self._odd = self._residue = 0
 
     def _advance_start(self, now: int) -> bool:
-        """Return True if the chip runs; else take a step of its start. OSError ends this attempt and plans another."""
+        """Return True if the chip runs; otherwise take a step of its start. An error leads to a new attempt."""
         if self._steps is None:
             return True
         if now < self._wait_until:
@@ -313,7 +316,7 @@ class Mpu6050:
         return False
 
     def _note_failure(self, now: int, error: OSError) -> None:
-        """A call has failed."""
+        """Count a failed call; after `FAILURES` in a row, restart the chip."""
         self.counts.failures += 1
         self._failures += 1
         self._watch.trouble(now, error)
@@ -321,7 +324,7 @@ class Mpu6050:
             self._restart(now)
 
     def _restart(self, now: int, quietly: bool = False) -> None:
-        """The bus is opened and the chip started anew, step by step, by the calls that come."""
+        """Plan the restart: the following calls open the bus and start the chip step by step."""
         self.counts.restarts += 1
         self._steps = self._start(reopen=True)
         self._wait_until = now
@@ -331,8 +334,10 @@ class Mpu6050:
 
 
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
-    """The device that answers WHO_AM_I, its answer, and a sentence if the bus was stuck and had to be clocked free.
-    RobotUnreachable if none does."""
+    """Return the device that answers WHO_AM_I, its answer, and a sentence if a stuck bus had to be clocked free.
+
+    RobotUnreachable if no device answers.
+    """
     outcome: RecoveryOutcome | None = None
     device, stuck = _first_answer(path, addresses)
     if device is None and stuck:
@@ -350,7 +355,7 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
 
 
 def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
-    """The device that answers WHO_AM_I with its answer, and if the bus was stuck."""
+    """Return the first device that answers WHO_AM_I with its answer, or None; and True if the bus was stuck."""
     stuck = False
     for address in addresses:
         device = Device(path, address)
@@ -365,7 +370,7 @@ def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, 
 
 
 def chip_at(device: Device, who_am_i: int) -> Chip:
-    """The chip on the bus; RobotUnreachable for 0x00 and 0xFF, which are a bus without a chip."""
+    """Return the chip with this answer. RobotUnreachable for 0x00 and 0xFF, which mean a bus without a chip."""
     if who_am_i in (0x00, 0xFF):
         raise RobotUnreachable(
             fault("imu.no-chip", address=device.address, path=device.path, who_am_i=who_am_i)

@@ -1,13 +1,13 @@
-"""Times of samples, estimated from their counts at the times of reading. A chip samples at T(k) = a + P k.
+"""Estimate the times of samples from their counts at the times of reading. A chip samples at T(k) = a + P k.
 
-    T(k) ≤ after                          of a look from `before` to `after` that found k the newest      (1)
-    T(k + 1) > before                                                                                     (2)
-    P · (k_i − k_j − 1) ≤ after_i − before_j          of two looks                                        (3)
+    T(k) ≤ after        of a reading from `before` to `after` that found k as the newest    (1)
+    T(k + 1) > before                                                                       (2)
+    P · (k_i − k_j − 1) ≤ after_i − before_j    for two readings i and j                    (3)
 
-The (a, P) that the looks of the last 10 s allow form a convex polygon. Its centre of area, weighted by how usual such
-a P is, is the estimate, its extent the bound of the error. Each 0.4 s (0.1 s at first) keeps the look that binds most
-on either side. Looks that contradict each other mean that a sample was lost or the clock drifted: the older half goes,
-and if that is not enough, all but the last. Derivation: docs/derivations/firmware_link.md.
+The (a, P) that the readings of the last 10 s allow form a convex polygon. The estimate is its centre of area, weighted
+by the prior density of P. Its extent bounds the error. Each 0.4 s (0.1 s at first) keeps the two readings with the
+tightest bounds. Readings that contradict each other mean that a sample was lost or that the clock drifted. Then the
+older half is dropped and, if that is not enough, all but the last. Derivation: docs/derivations/firmware_link.md.
 """
 
 from collections import deque
@@ -15,18 +15,18 @@ from collections import deque
 import numpy as np
 
 SLACK = 0.06  # Linux allows these chips 4 %; clones may have worse
-USUAL = 0.02  # standard deviation of P in these chips; tells only until the looks do
+USUAL = 0.02  # prior standard deviation of P in these chips, relative; the readings soon outweigh it
 BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
-FINE_NS = 2_000_000_000  # the first buckets are short: what is learned then is learned first
+FINE_NS = 2_000_000_000  # the buckets of this first time are short: the estimate improves fastest then
 BUCKETS = 25
-EVERY_LOOK_NS = 1_000_000_000  # until then each look counts, afterwards each bucket
+EVERY_LOOK_NS = 1_000_000_000  # until then each reading updates the estimate, afterwards each bucket
 SLEW = 0.1  # of a period
 GRID = 17  # periods at which the polygon is measured
-DRIFT = 0.001  # of the period, while nobody looked
+DRIFT = 0.001  # of the period, between two counts of samples
 
 
 class SampleClock:
-    """The clock of a chip that samples every `nominal_ns`. Times are integers in ns of the host's own clock."""
+    """The clock of a chip that samples every `nominal_ns`. Times are integers in ns of the host's clock."""
 
     def __init__(self, nominal_ns: float) -> None:
         self.nominal_ns = nominal_ns
@@ -38,16 +38,16 @@ class SampleClock:
 
     @property
     def rate_hz(self) -> float:
-        """Samples a second, as measured."""
+        """Return the measured sampling rate [Hz]."""
         return 1e9 / self.period_ns
 
     @property
     def rate_error_hz(self) -> float:
-        """Half of what the looks leave open of the rate."""
+        """Return half of the interval of rates that the readings allow [Hz]."""
         return self.rate_hz * (self._high - self._low) / 2.0 / self.period_ns
 
     def restart(self) -> None:
-        """Samples are counted from anew; the period is remembered."""
+        """Begin a new count of samples; the interval of the period is kept."""
         self._low, self._high = self._low * (1.0 - DRIFT), self._high * (1.0 + DRIFT)
         self._prior = (
             max(self._low, self.nominal_ns * (1 - SLACK)),
@@ -62,7 +62,7 @@ class SampleClock:
         self.phase_error_ns = self.period_ns / 2.0
 
     def look(self, newest: int, before_ns: int, after_ns: int) -> None:
-        """Sample `newest` was there, and the one after it was not, between the two times."""
+        """Process a reading: between the two times sample `newest` was present and the following one was not."""
         self._this = [newest, after_ns, newest, before_ns]
         if self._began < 0:
             self._began = self._bucket_ns = before_ns
@@ -81,8 +81,11 @@ class SampleClock:
             self._solve()
 
     def stamps(self, first: int, count: int) -> list[int]:
-        """Times of `count` samples from index `first` on. They grow, and what is learned of the phase enters them
-        by at most a tenth of a period each: an interval that jumps would be an acceleration that was not."""
+        """Return the times of `count` samples from index `first` on, strictly increasing.
+
+        A correction of the phase changes each interval by at most a tenth of a period: a jump would look like a false
+        acceleration.
+        """
         times = []
         for index in range(first, first + count):
             time = self._phase + self.period_ns * (index - self._newest)
@@ -98,13 +101,13 @@ class SampleClock:
         return times
 
     def _move(self, newest: int, before: int, after: int) -> None:
-        """The line at the new index, put right where (1) or (2) forbid it."""
+        """Extrapolate the phase to the new index, within the bounds (1) and (2)."""
         self._phase += self.period_ns * (newest - self._newest)
         self._newest = newest
         self._phase = min(max(self._phase, before - self.period_ns), float(after))
 
     def _bind(self, newest: int, before: int, after: int) -> None:
-        """Keep this look in its bucket if it says more than the one there."""
+        """Store this reading in its bucket if its bound is tighter than the stored one."""
         bounds, period = self._buckets[-1], self.period_ns
         if after - period * newest < bounds[1] - period * bounds[0]:
             bounds[0], bounds[1] = newest, after
@@ -112,7 +115,7 @@ class SampleClock:
             bounds[2], bounds[3] = newest, before
 
     def _solve(self) -> None:
-        """Period and phase from the looks that are kept.  (1)-(3)"""
+        """Estimate period and phase from the stored readings.  (1)-(3)"""
         while True:
             looks = np.array(self._buckets)
             upper_k, upper_t = looks[:, 0] - self._newest, looks[:, 1] - self._bucket_ns
@@ -146,7 +149,7 @@ def period_bounds(
     lower_t: np.ndarray,
     prior: tuple[float, float],
 ) -> tuple[float, float]:
-    """The least and the greatest period that all pairs of looks allow, (low, high); low > high if none.  (3)"""
+    """Return the least and the greatest period (low, high) that all pairs of readings allow; low > high if none. (3)"""
     steps = upper_k[:, None] - lower_k[None, :]
     spans = (upper_t[:, None] - lower_t[None, :]).astype(float)
     if np.any((steps == 0) & (spans < 0.0)):

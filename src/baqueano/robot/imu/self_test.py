@@ -1,4 +1,4 @@
-"""The chip's self-test: each sensor is pushed by a force of its own, and must answer as it did at the factory.
+"""Run the chip's self-test: the chip deflects each sensor, whose response must agree with that at the factory.
 
 With STR = (reading with the test bit) − (reading without) and the factory's response FT from its code n in the chip,
 
@@ -40,7 +40,7 @@ LEAST_6500, MOST_6500 = 0.5, 1.5
 
 
 class AxisResponse(NamedTuple):
-    """An axis: its answer and the factory's, in °/s or g. `passed` is None where the factory wrote no code."""
+    """The response of an axis and the factory's, in °/s or g. `passed` is None if the factory wrote no code."""
 
     name: str
     unit: str
@@ -50,7 +50,7 @@ class AxisResponse(NamedTuple):
 
 
 class SelfTest(NamedTuple):
-    """The answers of the six axes."""
+    """The responses of the six axes."""
 
     axes: tuple[AxisResponse, ...]
 
@@ -60,7 +60,7 @@ class SelfTest(NamedTuple):
         return all(axis.passed is not False for axis in self.axes)
 
     def table(self) -> str:
-        """A line for each axis."""
+        """Return a table with a line for each axis."""
         words = {True: _("passed"), False: _("FAILED"), None: _("no factory code")}
         return "\n".join(
             f"{_(a.name):8} {number(a.response):8.3f} {a.unit:3}  {_('factory')} {number(a.trim):8.3f}  "
@@ -70,7 +70,7 @@ class SelfTest(NamedTuple):
 
 
 def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> SelfTest:
-    """Test the chip, about 0.7 s, the vehicle at rest; `imu` is started again by the reads that follow.
+    """Test the chip at rest, about 0.7 s; the reads that follow start `imu` again.
 
     AnswerNo if it moved or the bus failed.
     """
@@ -95,7 +95,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
 
 
 def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float, ...]:
-    """FT (6,) in g and °/s, 0 for code 0; codes of accel x y z, gyro x y z.  (1) (2) (4)"""
+    """Return FT (6,) in g and °/s, 0 for code 0. Order of the codes: accel x y z, gyro x y z.  (1) (2) (4)"""
     trims = []
     for n, code in enumerate(codes):
         if code == 0:
@@ -110,7 +110,7 @@ def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float
 
 
 def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
-    """(3) (5)"""
+    """Return True if an axis passes the test; None without a factory code.  (3) (5)"""
     if axis.passed is None:
         return None
     ratio = axis.response / axis.trim
@@ -120,7 +120,7 @@ def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
 
 
 def _codes(imu: Mpu6050) -> tuple[int, ...]:
-    """The factory's codes: accel x y z, gyro x y z."""
+    """Return the factory's codes: accel x y z, gyro x y z."""
     if imu.chip.own_accel_filter:
         return (*imu.device.read(0x0D, 3), *imu.device.read(0x00, 3))
     x, y, z, low = imu.device.read(0x0D, 4)
@@ -129,7 +129,7 @@ def _codes(imu: Mpu6050) -> tuple[int, ...]:
 
 
 def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float], object]) -> np.ndarray:
-    """Mean readings (6,) in g and °/s with these bits set."""
+    """Return the mean readings (6,) in g and °/s with these test bits set. AnswerNo if the vehicle moves."""
     own = (FILTER,) if imu.chip.own_accel_filter else ()
     imu.device.write(SMPLRT_DIV, 0, FILTER, gyro_bits, accel_bits, *own)
     sleep(SETTLE_S)

@@ -1,4 +1,4 @@
-"""Settings of an IMU, and its samples."""
+"""Define the settings, the counts and the events of an IMU."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -25,13 +25,13 @@ class ImuEvent(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Return its sentence."""
+        """Return the message as a sentence."""
         return text(self.message)
 
 
 @dataclass
 class Counts:
-    """Counts since the start."""
+    """Counts of samples and faults since the start."""
 
     samples: int = 0
     retries: int = 0  # transfers that were tried again
@@ -58,21 +58,19 @@ class OpenedImu:
 
     @property
     def bus_hz(self) -> float:
-        """The bus clock that the time of a burst is worth; the host's own time makes it a lower bound."""
+        """Return the bus clock by the duration of a burst [Hz]; the host's overhead makes it a lower bound."""
         return BURST_BITS / self.burst_s if self.burst_s > 0.0 else float("nan")
 
 
 @dataclass(frozen=True, slots=True)
 class ImuSettings:
-    """The settings of the chip.
+    """The settings of the chip. UsageError for an impossible value.
 
-    rate_hz: samples a second, 1000 divided by a whole number, 4 to 1000. filter: 1 (widest) to 6. Ranges: ±2, 4, 8,
-    16 g and ±250, 500, 1000, 2000 °/s. ±4 g because motors shake: clipped vibration looks like a bias behind the
-    filter, and the step is still a thirtieth of the noise; ±1000 °/s because a car of this size spins at 660 °/s.
-    mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as ("-y", "x", "z"), by which the
-    driver turns its samples: worlds/robot.py takes them as the body's.
-
-    UsageError for another value.
+    rate_hz: samples per second, 1000 divided by an integer, 4 to 1000. filter: 1 (widest) to 6. Ranges: ±2, 4, 8, 16 g
+    and ±250, 500, 1000, 2000 °/s. The default is ±4 g because motors shake: clipped vibration looks like a bias after
+    the filter, and the resolution is still a thirtieth of the noise. It is ±1000 °/s because a car of this size spins
+    at 660 °/s. mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as ("-y", "x", "z"). The
+    driver turns its samples by them, and worlds/robot.py takes the result as body axes.
     """
 
     rate_hz: int = 200
@@ -92,21 +90,21 @@ class ImuSettings:
 
     @property
     def divider(self) -> int:
-        """SMPLRT_DIV."""
+        """Return the content of SMPLRT_DIV."""
         return 1000 // self.rate_hz - 1
 
     @property
     def accel_bits(self) -> int:
-        """ACCEL_CONFIG."""
+        """Return the content of ACCEL_CONFIG."""
         return ACCEL_RANGES_G.index(self.accel_range_g) << 3
 
     @property
     def gyro_bits(self) -> int:
-        """GYRO_CONFIG."""
+        """Return the content of GYRO_CONFIG."""
         return GYRO_RANGES_DPS.index(self.gyro_range_dps) << 3
 
     def body_from_chip(self) -> np.ndarray:
-        """The turn (3, 3) from the chip's axes to the body's."""
+        """Return the rotation (3, 3) from the chip's axes to the body's. UsageError for impossible `axes`."""
         matrix = np.zeros((3, 3))
         for row, name in enumerate(self.axes[:3]):
             if name.removeprefix("-") in LETTERS:

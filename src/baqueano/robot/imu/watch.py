@@ -1,7 +1,7 @@
-"""Health of an IMU from its samples and errors, and its events: each once, when it begins.
+"""Monitor an IMU by its samples and errors, and report each event once, when it begins.
 
-A sensor's last bits never rest: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal words in a row are a
-matter of chance at the narrowest filter (5 Hz: about one row in a thousand), twenty such rows are not (10⁻⁶⁰).
+The last bits of a sensor always change: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal words in a row
+can be chance at the narrowest filter (5 Hz: about one row in a thousand). Twenty such rows cannot (10⁻⁶⁰).
 """
 
 import errno
@@ -38,13 +38,13 @@ NAMES = {
 
 
 class ImuWatch:
-    """Judges each call's samples; `last_ns` is when the last good one came."""
+    """The monitor that judges each call's samples; `last_ns` is the time of the last good sample."""
 
     def __init__(self, settings: ImuSettings, counts: Counts, now_ns: int) -> None:
         self.silent = False
         self.frozen = False
         self.last_ns = self._called_ns = now_ns
-        self.rounds = 0  # times that a silence has asked for a start, at 0.5 s, 1.5 s, …
+        self.rounds = 0  # restarts that this silence has requested, at 0.5 s, 1.5 s, …
         self._quiet_ns = 0
         self._counts = counts
         self._settings = settings
@@ -54,20 +54,20 @@ class ImuWatch:
         self._at_end = [0] * 6  # rows in a row
         self._any_at_end = False
         self._error: Exception | None = None
-        self.bus_stuck = False  # the bus, as the last transfer said
+        self.bus_stuck = False  # by the last transfer
         self._events: list[ImuEvent] = []
 
     def tell(self, now_ns: int, code: str, **figures: Any) -> None:
-        """An event."""
+        """Record an event."""
         self._events.append(ImuEvent(now_ns, note(code, Severity.WARNING, **figures)))
 
     def take(self) -> list[ImuEvent]:
-        """The events so far, which are then forgotten."""
+        """Return the recorded events and clear them."""
         events, self._events = self._events, []
         return events
 
     def trouble(self, now_ns: int, error: Exception) -> None:
-        """A transfer has failed for good in this call."""
+        """Record a transfer that failed for good in this call."""
         self._error = error
         stuck = isinstance(error, OSError) and is_stuck_low(error)
         if stuck and not self.bus_stuck:
@@ -75,7 +75,7 @@ class ImuWatch:
         self.bus_stuck = stuck
 
     def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
-        """Return the rows to use, and if the chip must be started again."""
+        """Return a mask of the rows to use, and True if the chip must be started again."""
         keep, broken = [], False
         for row in rows:
             same, broken_now = self._repeats(now_ns, row)
@@ -89,7 +89,7 @@ class ImuWatch:
         return keep, self._listen(now_ns, good > 0) or broken
 
     def _listen(self, now_ns: int, answered: bool) -> bool:
-        """Count the silence; a caller that slept has not listened. Whether it is time to start the chip again."""
+        """Count the silence; return True if the chip must be started again. A pause counts 0.1 s at most."""
         span_ns = min(now_ns - self._called_ns, LONGEST_CALL_NS)
         self._called_ns = now_ns
         if answered:
@@ -110,7 +110,7 @@ class ImuWatch:
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
-        """Return if the row repeats the last one or is all zero, and if that has just become a fault."""
+        """Return if the row repeats the last one or is all zero, and if this has just become a fault."""
         same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (any(row[:3]) or any(row[4:]))
         self._last = row
         if not same:
@@ -124,7 +124,7 @@ class ImuWatch:
         return True, True
 
     def _ends(self, now_ns: int, row: Row) -> None:
-        """Axes at the end of their range; the temperature is missing."""
+        """Count the rows with an axis at the end of its range, and report it after 0.1 s, without the temperature."""
         six = (*row[:3], *row[4:])
         at_end = [abs(word) >= END for word in six]
         self._any_at_end = any(at_end)
@@ -140,7 +140,7 @@ class ImuWatch:
 
 
 def reason(error: Exception | None) -> str:
-    """The error in a few words."""
+    """Return a short text of the error."""
     if isinstance(error, OSError):
         return f"{_(NAMES.get(error.errno or 0, N_('failed')))} ({error})"
     return str(error)

@@ -1,1 +1,1 @@
-"""The service of a vehicle: it watches the hardware, drives missions, and stops for every reason there is."""
+"""Run the service of a vehicle: it watches the hardware, drives missions, and stops the vehicle at any fault."""

@@ -1,4 +1,4 @@
-"""From a vehicle file to the firmware's configuration and the body that the world reads."""
+"""Derive the firmware's configuration, and the body that the world reads, from a vehicle file."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
-    """Return the body of a vehicle file; configure its Uno for a drive and read its motors' settings."""
+    """Return the body of a vehicle file; configure its Uno for a drive and read the settings of its motors."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
     ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
@@ -25,7 +25,7 @@ def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) ->
 
 
 def config_of(hardware: "Hardware", info: Info | None) -> Config:
-    """Return the firmware's configuration by [robot]."""
+    """Return the firmware's configuration that [robot] requires."""
     fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
     return Config(
         dead_man_ms=round(1e3 * hardware.dead_man_s),

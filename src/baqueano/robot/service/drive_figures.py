@@ -1,4 +1,4 @@
-"""Losses of a drive in its ticks, on the line of the Uno and of the IMU: last lines of its run, each with its level."""
+"""Report the losses of a drive, in its ticks and on the lines of Uno and IMU, as the last lines of its run."""
 
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
@@ -24,14 +24,14 @@ class Lateness:
     now_ms: float = 0.0  # of the last tick
 
     def line(self) -> Line:
-        """Return the delays; a warning where ticks were left out."""
+        """Return the delays as a line; a warning if ticks were left out."""
         return _line(
             "drive.ticks", bool(self.missed), **{n: x for n, x in asdict(self).items() if n != "now_ms"}
         )
 
 
 def line_losses(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
-    """Return what the line lost since `before`; a warning where it lost any. `trouble`: the fault of the Uno now."""
+    """Return the losses of the line since `before`, a warning if there are any; `trouble` is the Uno's fault."""
     counts = now.since(before, *LINE)
     n = {KEYS.get(name, name): count for name, count in zip(LINE, counts, strict=True)}
     if trouble is not None:
@@ -40,7 +40,7 @@ def line_losses(before: Statistics, now: Statistics, trouble: Diagnostic | None 
 
 
 def uno_losses(before: Statistics, now: Statistics) -> Line:
-    """Return the counts of the Uno itself since `before`; a warning where it missed any frame."""
+    """Return the Uno's counts since `before`; a warning if it missed a frame."""
     frames, spoilt, ignored_frames, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     return _line(
         "drive.uno", bool(spoilt or ignored_frames or overrun), written=frames, spoilt=spoilt,
@@ -49,7 +49,7 @@ def uno_losses(before: Statistics, now: Statistics) -> Line:
 
 
 def imu_losses(before: Counts, now: Counts) -> Line:
-    """Return the readings and faults of the IMU since `before`; a warning where there was a fault."""
+    """Return the samples and faults of the IMU since `before`; a warning if there was a fault."""
     n = Counts(*(after - start for start, after in zip(astuple(before), astuple(now), strict=True)))
     harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
     return _line("drive.imu", bool(harmed), **asdict(n))

@@ -1,4 +1,4 @@
-"""The conditions before and during a drive: tilt, battery, temperature, room on the disk."""
+"""Check the conditions before and during a drive: tilt, battery, temperature, room on the disk."""
 
 import shutil
 from collections.abc import Callable
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from baqueano.worlds import Robot
 
 TEMPERATURE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, thousandths of a °C
-LOOK_EVERY_S = 1.0  # at what is read from files
-LOW_S = 2.0  # for which a battery is low before it counts: motors that start pull it down
+LOOK_EVERY_S = 1.0  # between two readings of the temperature file
+LOW_S = 2.0  # least duration of a low voltage that counts: the start of motors lowers it for a moment
 
 
 class ComputerHealth:
-    """Watches one world. `limits` is [robot] of the vehicle file."""
+    """The monitor of the health of one world. `limits` is [robot] of the vehicle file."""
 
     def __init__(
         self, limits: "Hardware", folder: Path, now_ns: Callable[[], int], temperature: Path = TEMPERATURE
@@ -29,7 +29,7 @@ class ComputerHealth:
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
     def before(self, world: "Robot") -> Diagnostic | None:
-        """Return why no drive may begin; None if nothing is in the way."""
+        """Return why no drive may begin; None if one may begin."""
         free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
             return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)

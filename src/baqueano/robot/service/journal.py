@@ -1,9 +1,9 @@
-"""A file that is there while a mission is driven: where a service finds it at its start, the one before ended there.
+"""Keep a file while a mission is driven: if a service finds it at its start, the previous one ended in a drive.
 
 A block can end the process of the service (os._exit, a crash in C, a loop that swallows every alarm until systemd's
-watchdog ends it). Then nothing of that process can say so any more; the firmware's dead man stops the motors, systemd
-starts the service again, and that one reads here what was driven. Python writes its lines there as well, where the
-process ends by a signal that leaves a trace (a crash, the watchdog).
+watchdog ends it). Then that process can no longer report it. The firmware's dead man stops the motors, systemd starts
+the service again, and the new service reads from this file which mission was driven. Python also writes a traceback
+into it if the process ends by a signal that permits one (a crash, the watchdog).
 """
 
 import faulthandler
@@ -23,14 +23,14 @@ FRAME = re.compile(r'  File "[^"\n]*?([^"/\n]+)", line (\d+)')
 
 
 class Journal:
-    """The file, in the folder of the runs."""
+    """The journal file, in the folder of the runs."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / NAME
-        self._traces: Any = None  # the same file, open, where Python writes its lines there
+        self._traces: Any = None  # the same file, open for the tracebacks of Python
 
     def begin(self, mission: Mission, run: str) -> None:
-        """Say what is driven from now on; a disk that takes nothing does not keep the vehicle from driving."""
+        """Write the mission that begins; a disk that refuses the file does not prevent the drive."""
         kinds = dict.fromkeys([*mission.blocks.values(), *USERS.findall(mission.vehicle)])
         own = ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
         entry = {"boot": _boot(), "kind": mission.kind, "run": run, "blocks": own, "texts": [*mission.texts]}
@@ -41,7 +41,7 @@ class Journal:
                 faulthandler.enable(self._traces, all_threads=False)
 
     def end(self) -> None:
-        """Forget it: that mission is over, and this service has said how."""
+        """Delete the file: the mission is over, and its end was reported."""
         if self._traces is not None:
             faulthandler.disable()
             self._traces.close()
@@ -50,7 +50,10 @@ class Journal:
             self.path.unlink(missing_ok=True)
 
     def unfinished(self) -> Diagnostic | None:
-        """Return what ended a service since this computer was switched on; None for none, or where the power went."""
+        """Return the mission during which a service ended since this computer was switched on; None without one.
+
+        After a power cut it returns None, too.
+        """
         try:
             first, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")
             entry = json.loads(first)
@@ -67,7 +70,7 @@ class Journal:
 
 
 def _boot() -> str:
-    """This start of the computer; "" where the system does not tell."""
+    """Return the id of this start of the computer; "" if the system does not provide it."""
     try:
         return BOOT.read_text(encoding="ascii").strip()
     except OSError:

@@ -1,6 +1,6 @@
-"""`baqueano robot run`: the hardware of a vehicle file, opened, and the service on it until it is stopped.
+"""Implement `baqueano robot run`: open the hardware of a vehicle file, and run the service on it until it is stopped.
 
-An IMU takes a quarter of a second to start. Meanwhile the rest of the program is loaded, which on a Pi takes longer.
+An IMU takes a quarter of a second to start. Meanwhile the rest of the program is loaded, which takes longer on a Pi.
 """
 
 import importlib
@@ -28,11 +28,11 @@ def serve(
     say: Callable[[str], object],
     give_back: Callable[[], object] = lambda: None,
 ) -> None:
-    """Runs the service for the vehicle of `file` at the socket `path`, runs in `folder`, until SIGTERM.
+    """Run the service for the vehicle of `file` at the socket `path`, with runs in `folder`, until SIGTERM.
 
-    RobotUnreachable where the Uno does not answer. A vehicle whose IMU does not answer is served all the same: it can
-    be looked at, says why it does not drive, and is READY once the IMU answers; one whose file names none drives
-    without. `give_back` is called when the line of the Uno is open (serial_port.roused).
+    RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service runs all the same: it reports
+    why the vehicle does not drive, and is READY as soon as the IMU answers. A vehicle whose file does not name an IMU
+    drives without one. `give_back` is called when the line of the Uno is open (serial_port.roused).
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)
@@ -78,8 +78,10 @@ def serve(
 
 
 def _signs_of_life(systemd: Any) -> tuple[Callable[[], object], Callable[[float], object]]:
-    """Return the function that feeds the watchdog, and the one that sets the time of its next sign. When a thread is
-    lost, nobody feeds it, and systemd starts all of them again."""
+    """Return the function that feeds the watchdog, and the one that sets the time of its next feed.
+
+    If one of the threads dies, the watchdog is no longer fed, and systemd starts the service again.
+    """
     threads = threading.enumerate()
 
     def say(text: str = "") -> None:

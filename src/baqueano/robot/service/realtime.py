@@ -1,8 +1,8 @@
-"""Grants of the system to a control loop, and notifications to it.
+"""Request real-time rights from the system for a control loop, and notify systemd.
 
-SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on yours). Memory is locked page by page as it
-is touched, so that no tick waits for the disk: to lock all that is mapped makes buffers and stacks resident that are
-never used. What was made at the start leaves the rounds of the garbage collector, uncollected. docs/benchmarks.md has
+SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on yours). Memory is locked page by page when
+it is first used, so that no tick waits for the disk. Locking all that is mapped would also make unused buffers and
+stacks resident. Objects made at the start are excluded from the rounds of the garbage collector. docs/benchmarks.md has
 the figures.
 """
 
@@ -20,8 +20,10 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
 
 def claimed(priority: int = PRIORITY) -> list[str]:
-    """Asks for a real-time priority and locked memory; what was granted, in words. Threads and programs that start
-    later do not inherit the priority. Garbage is collected from now on."""
+    """Request a real-time priority and locked memory, and return sentences about what was granted.
+
+    Threads and programs that start later do not inherit the priority. The garbage collector is switched on.
+    """
     grants = []
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
@@ -40,7 +42,7 @@ def claimed(priority: int = PRIORITY) -> list[str]:
 
 
 class Systemd:
-    """Words to systemd, if it asked for any; nothing happens elsewhere."""
+    """Notifications to systemd, if it requested any; on other systems the calls do nothing."""
 
     def __init__(self, address: str | None = None) -> None:
         socket_path = os.environ.get("NOTIFY_SOCKET") if address is None else address
@@ -51,12 +53,12 @@ class Systemd:
             self._to = "\0" + socket_path[1:] if socket_path.startswith("@") else socket_path
 
     def say(self, words: str) -> None:
-        """READY=1, WATCHDOG=1, STATUS=…; lost if systemd does not listen just now."""
+        """Send READY=1, WATCHDOG=1, STATUS=…; the words are lost if systemd does not receive at this moment."""
         if self._line is not None:
             with suppress(OSError):
                 self._line.sendto(words.encode(), self._to)
 
     def close(self) -> None:
-        """End the notifications."""
+        """Close the socket."""
         if self._line is not None:
             self._line.close()

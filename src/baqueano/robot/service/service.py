@@ -1,11 +1,11 @@
-"""The service on the vehicle: it watches the hardware, drives missions, and stops for every reason there is.
+"""Run the service on the vehicle: it watches the hardware, drives missions, and stops the vehicle at any fault.
 
-    idle       telemetry, IMU and health are looked at IDLE_HZ; a mission that waits begins when the vehicle is READY
-    mission    the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
-    watch      at each tick: the link and the firmware, health, the operator, systemd's watchdog
+    idle    telemetry, IMU and health are checked at IDLE_HZ; a waiting mission begins when the vehicle is READY
+    mission the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
+    watch   at each tick: the link and the firmware, health, the operator, systemd's watchdog
 
-One thread drives. Others hear the Uno, hear people and write the run; none of them can hold up a tick. A power cut
-loses a second at most, and a disk that is full ends the recording, not the drive.
+One thread drives. Other threads read the Uno, serve the clients and write the run; none of them can delay a tick. A
+power cut loses a second of the run at most. A full disk ends the recording, not the drive.
 """
 
 import signal
@@ -49,7 +49,7 @@ from baqueano.worlds.robot import Body
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
 PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
 FINDING_S = 30.0  # the same while an IMU is looked for
-AGAIN_S = 5.0  # between two looks for it
+AGAIN_S = 5.0  # between two searches for an IMU
 CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
 IDLE_HZ, TELL_HZ = 20.0, 5.0
 Tell = Callable[[JsonObject], None]
@@ -57,7 +57,7 @@ Tell = Callable[[JsonObject], None]
 
 @dataclass
 class Service:
-    """The hardware, the mailbox, and the state. `tell` sends a message to everybody who listens."""
+    """The hardware, the mailbox, and the state. `tell` sends a message to all clients."""
 
     uno: Uno
     imu: Any
@@ -67,7 +67,7 @@ class Service:
     tell: Tell = lambda message: None
     frames: Frames = field(default_factory=Frames)
     healthy: Callable[[], object] = lambda: None  # systemd's watchdog
-    patience: Callable[[float], object] = lambda seconds: None  # how long that may wait for the next sign
+    patience: Callable[[float], object] = lambda seconds: None  # sets the timeout of systemd's watchdog
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], object] = time.sleep
     say: Callable[[str], object] = lambda line: None  # into the system's log
@@ -85,16 +85,16 @@ class Service:
         self._run: str | None = None  # that is written just now
         self._counts_before: Any = None  # what the IMU had counted when it began
         self._bus: RecoveryOutcome | None = None  # of the IMU's bus, until the next drive
-        self._no_imu: Diagnostic | None = None  # why there is none
-        self._find_ns = -(1 << 62)  # when it is looked for again
-        self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
+        self._no_imu: Diagnostic | None = None  # why the IMU is missing
+        self._find_ns = -(1 << 62)  # time of the next search for the IMU
+        self._clearing = False  # the operator has cleared the stop, and the Uno is still latched
         self.journal = Journal(self.folder)
         if (before := self.journal.unfinished()) is not None:
             self.say(text(before))
             self.operator.stop(before)
 
     def run(self) -> None:
-        """Run until `done`, or SIGTERM in the main thread."""
+        """Run until `done` is set, or until SIGTERM if it runs in the main thread."""
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, lambda number, frame: self._leave())
         while not self.done.is_set():
@@ -131,8 +131,11 @@ class Service:
         self._publish()
 
     def _stop_is_over(self) -> bool:
-        """Return True if a stop is over. After a request each look clears the latch of the Uno, until telemetry
-        shows that it is gone: a frame may be lost."""
+        """Return True if a stop is over.
+
+        After a request each call clears the latch of the Uno, until telemetry shows that it is gone: a frame may be
+        lost.
+        """
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         trouble = self.uno.trouble
         latch_gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
@@ -142,15 +145,16 @@ class Service:
         return latch_gone
 
     def _give_back(self) -> None:
-        """While nothing drives the Uno has the limits of this vehicle's own file: a mission brought others, a reset
-        forgot them."""
+        """Send the limits of this vehicle's file to the Uno if it has others, from a mission or after a reset."""
         info = self.uno.info
         if info is not None and info.config != (own := config_of(self.hardware, info)):
             self.uno.tell(own)
 
     def _find_imu(self) -> None:
-        """An IMU that did not answer is looked for each AGAIN_S; a chip that answers and gives no samples takes two
-        seconds of them. An obstacle is reported once."""
+        """Look every AGAIN_S for an IMU that did not answer. Each obstacle is reported once.
+
+        The search takes two seconds if a chip answers and gives no samples.
+        """
         if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
             return
         self.patience(FINDING_S)
@@ -167,8 +171,7 @@ class Service:
             self.say(text(message))
 
     def _free_bus(self) -> None:
-        """Nothing drives: a held bus of the IMU is clocked free, beside this loop. A failure is tried again and
-        reported once."""
+        """Clock a held bus of the IMU free in a second thread, while nothing drives. Report a failure once."""
         if self.imu is None:
             return
         outcome = self.imu.free_bus()
@@ -180,8 +183,10 @@ class Service:
             self._bus = None
 
     def take(self, request: Mission | str, attended: bool, name: str = "") -> None:
-        """Drives a mission, or one in JSON, and tells how the one of this name ended; nothing that is wrong with it
-        ends the service."""
+        """Drive a mission, or one in JSON, and report the outcome to the request of this name.
+
+        A faulty mission does not end the service.
+        """
         self.patience(PREPARING_S)
         try:
             mission = Mission.of_json(request) if isinstance(request, str) else request
@@ -217,20 +222,22 @@ class Service:
         self.tell({"is": "done", "id": name, "run": run, "why": reason, "code": code})
 
     def _drive_with_journal(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
-        """Drive a mission; the journal holds it meanwhile."""
+        """Drive a mission, with the journal file present meanwhile."""
         self.journal.begin(mission, path.name)
         return self.drive(mission, attended, path)
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
-        """Drives a mission into the run `path`; why the vehicle was stopped, None if nothing stopped it. A disk
-        that took no more of the run is reported, and does not stop it."""
+        """Drive a mission into the run `path`; return why the vehicle was stopped, None if nothing stopped it.
+
+        A disk that refuses the rest of the run is reported, and does not stop the drive.
+        """
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             file = within(PREPARE_S, unpacked, mission, Path(folder))
             self.patience(PREPARING_S)
             body = body_of(file, self.uno, self.sleep)
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
             self._mission, self._rate_hz = mission, file.rate_hz
-            self._record, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
+            self._record, self._bus, _ = None, None, self.operator.marks()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
             self._counts_before, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
@@ -247,7 +254,7 @@ class Service:
             return watching.stopped
 
     def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
-        """The clock of a drive: armed at its first tick, and looked at by everybody who must at each."""
+        """Yield the times of a drive's ticks. Arm at the first one; notify the watchdog and publish after each."""
         wall = clock.Wall(rate_hz, now_ns=self.now_ns, sleep=self.sleep)
         start = -1
         for due in wall:
@@ -276,7 +283,7 @@ class Service:
         self.tell({"is": "event", "level": level, "said": message})
 
     def _not_ready(self) -> Diagnostic | None:
-        """Return why no drive may begin; None if one may."""
+        """Return why no drive may begin; None if one may begin."""
         if self.uno.info is None:
             return stop(StopReason.UNO_ABSENT)
         if self._no_imu is not None:
@@ -286,10 +293,10 @@ class Service:
         return self._world.trouble(self.now_ns()) or self.health.before(self._world)
 
     def _mute(self) -> Diagnostic:
-        """Return the last diagnostic of an IMU that is silent."""
+        """Return the diagnostic of a silent IMU."""
         if not self.imu.bus_stuck:
             return stop(StopReason.IMU_SILENT)
-        if self._bus is None or self._bus.freed:  # that was another time
+        if self._bus is None or self._bus.freed:  # the last recovery freed it: the bus is held anew
             return stop(StopReason.IMU_BUS_HELD)
         return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.message)
 
@@ -313,7 +320,7 @@ class Service:
         )  # fmt: skip
 
     def _path(self, kind: str) -> Path:
-        """A name for the run, by the day and the hour."""
+        """Return a new path for a run, named after date and time. FileError if the folder cannot be used."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -333,7 +340,7 @@ class Service:
 
 
 class _ServiceObserver(Observer):
-    """The observer of a drive for the service."""
+    """The observer that the service attaches to a drive."""
 
     def __init__(
         self,
@@ -360,18 +367,18 @@ class _ServiceObserver(Observer):
         reason = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
         return reason or s.operator.stop_reason(self._attended)
 
-    def marked(self) -> int:
-        return self._service.operator.marked()
+    def marks(self) -> int:
+        return self._service.operator.marks()
 
     def look(self, record: Record) -> None:
         s = self._service
         s._record = record
         s.frames.look(record, battery_v=self._world.battery_v, late_ms=self._late.now_ms)
 
-    def unlogged(self, what: Diagnostic) -> None:
-        self._service._event("error", what)
+    def on_disk_full(self, reason: Diagnostic) -> None:
+        self._service._event("error", reason)
 
-    def ended(self, reason: Diagnostic | None) -> list[LastLine]:
+    def end(self, reason: Diagnostic | None) -> list[LastLine]:
         self.over, self.stopped, s, now = True, reason, self._service, self._service.uno.statistics
         last: list[LastLine] = [
             (CLOCK_SOURCE, *self._late.line()), (LINE_SOURCE, *line_losses(self._before, now, s.uno.trouble)),

@@ -1,1 +1,1 @@
-"""Set-up of a Raspberry Pi as a vehicle: its card, its packages, its vehicle file."""
+"""Set up a Raspberry Pi as a vehicle: its card, its packages, its vehicle file."""

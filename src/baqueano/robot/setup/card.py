@@ -1,16 +1,16 @@
-"""First-boot files for a card with a stock 64-bit Raspberry Pi OS Lite: name, user, key, network; no screen needed.
+"""Write the first-boot files for a card with a stock 64-bit Raspberry Pi OS Lite: name, user, key, network; no screen.
 
-One script does it all (files/firstrun.sh). What starts it depends on the image:
+One script does it all (files/firstrun.sh). The image determines what starts it:
 
-    no user-data on the boot partition (Bookworm)        systemd.run=… in cmdline.txt, then it starts anew      (1)
-    user-data there, an image with cloud-init (Trixie)   runcmd of user-data                                    (2)
+    no user-data on the boot partition (Bookworm)        systemd.run=… in cmdline.txt, then the Pi reboots     (1)
+    user-data there, an image with cloud-init (Trixie)   runcmd of user-data                                  (2)
 
-The user logs in by key alone, without a password; sudo does not ask for one either. In its own network the robot is
+The user logs in only by key, without a password; sudo does not ask for one either. In its own network the robot is
 10.42.0.1. Campus networks keep their clients apart, so that a laptop does not reach the robot: use the robot's own
 network, or a router of the class (a Pi's own network serves about four clients).
 
-Neither was tried on a real card here: the script was run in a folder that stands for the Pi. The two ways to start it
-are those of Raspberry Pi Imager and of cloud-init.
+Neither was tried on a real card: the script was run in a folder that represents the Pi. The two ways to start it are
+those of Raspberry Pi Imager and of cloud-init.
 """
 
 import re
@@ -37,11 +37,11 @@ runcmd:
 """
 LABELS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
 CHANNELS = (1, 6, 11)  # those that do not overlap: the robots of a class spread over them
-ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # what is not mistaken when it is read from a label
+ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # without letters that look alike on a label
 
 
 class Network(NamedTuple):
-    """A Wi-Fi to join, or with `own` one to open."""
+    """A Wi-Fi network to join, or with `own` one that the robot opens."""
 
     ssid: str
     password: str
@@ -50,17 +50,17 @@ class Network(NamedTuple):
 
 
 def new_name() -> str:
-    """A host name that no other robot of a class has: one in 2¹⁶."""
+    """Return a random host name, one of 2¹⁶, so that two robots of a class rarely have the same."""
     return f"robot-{secrets.token_hex(2)}"
 
 
 def new_password() -> str:
-    """Ten letters: 49 bits."""
+    """Return a random password of ten letters, with 49 bits."""
     return "".join(secrets.choice(ALPHABET) for _letter in range(10))
 
 
 def boot_partition(folder: Path | None) -> Path:
-    """Return the mounted boot partition: `folder`, or the only one there is. FileError if it is not one."""
+    """Return the mounted boot partition: `folder`, or the only one found. FileError if it is not a boot partition."""
     if folder is None:
         partitions = [path for label in LABELS for path in Path("/").glob(label.lstrip("/"))]
         if len(partitions) != 1:
@@ -72,7 +72,7 @@ def boot_partition(folder: Path | None) -> Path:
 
 
 def public_key(path: Path | None) -> str:
-    """Return the text of the user's ssh key. FileError where it does not exist, or is not the public part."""
+    """Return the text of the user's ssh key. FileError if it does not exist or is not the public part."""
     candidates = (
         [path] if path else [Path.home() / ".ssh" / f"id_{kind}.pub" for kind in ("ed25519", "ecdsa", "rsa")]
     )
@@ -86,7 +86,7 @@ def public_key(path: Path | None) -> str:
 
 
 def connection(network: Network, name: str) -> str:
-    """The network as a file of NetworkManager."""
+    """Return the network as the text of a file of NetworkManager."""
     lines = [
         "[connection]",
         "id=baqueano",
@@ -116,7 +116,7 @@ def connection(network: Network, name: str) -> str:
 
 
 def write(boot: Path, name: str, user: str, key: str, network: Network | None) -> list[str]:
-    """Writes the files; a line for each. UsageError for what a Pi would not take."""
+    """Write the files and return a line for each. UsageError for values that a Pi does not accept."""
     _check(name, user, network)
     script = (files("baqueano.robot") / "files" / "firstrun.sh").read_text(encoding="utf-8")
     words = {
@@ -156,7 +156,7 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
 
 
 def _escape(text: str) -> str:
-    """Return a string of a key file: its separators escaped, its first space too."""
+    """Return a string for a key file, with separators and a leading space escaped."""
     text = text.replace("\\", "\\\\").replace(";", "\\;")
     return "\\s" + text[1:] if text.startswith(" ") else text
 

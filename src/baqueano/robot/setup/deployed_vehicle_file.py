@@ -1,7 +1,7 @@
-"""The vehicle file that a robot will have: the laptop's, and in it what `calibrate imu` found on that vehicle.
+"""Make the vehicle file of a robot: the laptop's file with the results of `calibrate imu` on that vehicle.
 
-key calibrated there, another value here     the robot's is kept, unless it was calibrated here on a later day
-every other key                              the laptop's
+key calibrated on the robot, other value here   the robot's stays, unless it was calibrated here on a later day
+every other key                                 the laptop's
 """
 
 import json
@@ -28,16 +28,18 @@ SHOWN = 60  # letters of a value
 
 
 class RenewedFile(NamedTuple):
-    """A vehicle file for a robot."""
+    """A new vehicle file for a robot."""
 
     text: str
-    base: bytes  # what it has now; empty: nothing
+    base: bytes  # its present file; empty without one
     lines: list[str]  # what changes there, key by key
 
 
 def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
-    """Return the new file at HOST, made of the laptop's `file`. RobotUnreachable where the old one cannot be read,
-    UsageError where it holds a calibration for which `file` lacks the place."""
+    """Return the new file for HOST, made from the laptop's `file`.
+
+    RobotUnreachable if the old one cannot be read, UsageError if it contains a calibration of a key that `file` lacks.
+    """
     path = f"{root.rstrip('/')}{VEHICLE}"
     content, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
     if code:
@@ -56,7 +58,7 @@ def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
 
 
 def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
-    """A line for each key that changes, but for where values come from.
+    """Return a line for each key that changes, without the provenance of values.
 
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']

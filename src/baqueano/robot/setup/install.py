@@ -1,8 +1,8 @@
-"""Makes a Raspberry Pi a vehicle, over ssh: a bundle of wheels made here, and the steps of steps.py run there.
+"""Install baqueano on a Raspberry Pi over ssh: a bundle of wheels made here, and the steps of steps.py run there.
 
 The robot needs no internet: this computer downloads the wheels for the robot's Python and processor, once, into its
-cache. What is sent lies in /tmp there, is run as root, and is deleted. ssh asks for what it asks always; sudo asks for
-its password in the terminal.
+cache. The bundle is sent to /tmp there, its steps run as root, and it is deleted. ssh and sudo ask for their passwords
+in the terminal.
 """
 
 import ast
@@ -57,7 +57,7 @@ Say = Callable[[str], object]
 
 
 class TargetMachine(NamedTuple):
-    """The system at a host."""
+    """The Python, the processor and the user at a host."""
 
     python: tuple[int, int]
     kind: str
@@ -65,7 +65,7 @@ class TargetMachine(NamedTuple):
 
 
 def machine_at(host: str) -> TargetMachine:
-    """RobotUnreachable where ssh does not get there, UsageError for a machine that cannot be a vehicle."""
+    """Return the machine at a host. RobotUnreachable if ssh fails, UsageError if it cannot be a vehicle."""
     output, code = run(ssh(host, PROBE))
     words = output.decode(errors="replace").split()
     if code or not re.fullmatch(MACHINE, " ".join(words)):
@@ -88,7 +88,7 @@ def machine_at(host: str) -> TargetMachine:
 
 
 def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -> Path:
-    """All wheels for that machine in `folder`: what is there is not downloaded again. FileError where pip fails."""
+    """Collect all wheels for that machine in `folder`, without those already present. FileError if pip fails."""
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("baqueano-*.whl"):
         old.unlink()
@@ -128,8 +128,10 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
 
 
 def steps_in_this_language() -> str:
-    """Return the text of machine.py and steps.py, which runs without this package, its words in the current
-    language."""
+    """Return the text of machine.py and steps.py, with its messages in the current language.
+
+    The text runs without this package.
+    """
     both = [
         (files("baqueano.robot.setup") / name).read_text(encoding="utf-8")
         for name in ("machine.py", "steps.py")
@@ -146,7 +148,7 @@ def steps_in_this_language() -> str:
 
 
 def _write_locks(folder: Path, packages: dict[str, str]) -> None:
-    """Write what is installed there, each wheel by its hash: ours, which was just built, too; pip apart, which runs."""
+    """Write the locks of the wheels to install, with hashes, also of the one just built. pip has a separate lock."""
     own = "".join(
         f"baqueano=={path.name.split('-')[1]} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
         for path in folder.glob("baqueano-*.whl")
@@ -167,8 +169,11 @@ def setup(
     host: str, folder: Path, machine: TargetMachine, *, vehicle: "VehicleFile | None" = None,
     say: Say = lambda text: None, dry: bool = False, root: str = "/",
 ) -> None:  # fmt: skip
-    """Sends `folder` and runs the steps; their lines go to the terminal. With `vehicle`, a vehicle file, the one at
-    HOST is made like it, but for what was calibrated there; `say` tells what changes. Without, the one there stays."""
+    """Send `folder` and run the steps; their lines go to the terminal.
+
+    With `vehicle`, a vehicle file, the file at HOST is replaced by it, but its calibrations stay; `say` receives the
+    changes. Without `vehicle`, the file at HOST stays.
+    """
     (folder / BASE).unlink(missing_ok=True)
     if vehicle is not None:
         new = renewed(host, vehicle, root)
@@ -192,7 +197,7 @@ def setup(
 
 
 def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
-    """Undoes what `setup` did there."""
+    """Undo the changes of `setup` at HOST."""
     text = steps_in_this_language()
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"
     if run(ssh(host, command), text.encode())[1]:

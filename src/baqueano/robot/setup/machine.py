@@ -1,6 +1,6 @@
-"""A Raspberry Pi below its root, what is noted of its former state, and a change to it with its way back.
+"""Represent a Raspberry Pi below its root, the record of its former state, and a change with its way back.
 
-Plain Python of the standard library: on the vehicle this text stands in front of that of steps.py.
+It uses only the standard library: on the vehicle this text stands in front of that of steps.py.
 """
 
 import json
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 ACCOUNT = "baqueano"  # of the service: no login, no sudo
-WORDS: dict[str, str] = {}  # English → the language of the laptop, which fills it
+WORDS: dict[str, str] = {}  # English → the language of the laptop; filled by install.py
 
 
 class Step(NamedTuple):
-    """A change. `done` looks, `do` makes it, `undo` takes back what `do` noted."""
+    """A change: `done` checks it, `do` makes it, `undo` restores the former state that `do` recorded."""
 
     name: str
     done: Callable[[], bool]
@@ -28,7 +28,7 @@ class Step(NamedTuple):
 
 
 class Pi:
-    """The machine below `root`, and what was changed on it."""
+    """The machine below `root`, and the record of what was changed on it."""
 
     def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
         self.root, self.bundle, self.user = root, bundle, user
@@ -45,11 +45,11 @@ class Pi:
             sys.exit(message)
 
     def at(self, path: str) -> Path:
-        """A path of the machine."""
+        """Return a path of the machine."""
         return self.root / path.lstrip("/")
 
     def note(self, name: str, what: object) -> None:
-        """Keeps what was there before, once; of a list, what is new too. None forgets it."""
+        """Record the former state once; a list is extended by new entries. None deletes the entry."""
         if what is None:
             self.noted.pop(name, None)
         elif isinstance(what, list):
@@ -65,7 +65,7 @@ class Pi:
 
     @property
     def config(self) -> Path:
-        """config.txt of the boot partition, where this image has it."""
+        """Return the path of config.txt on the boot partition of this image."""
         old = self.at("boot/config.txt")
         return (
             old
@@ -74,34 +74,34 @@ class Pi:
         )
 
     def groups(self, *names: str) -> dict[str, list[str]]:
-        """Members of those of these groups that this system has."""
+        """Return the members of these groups, of the groups that this system has."""
         fields = [line.split(":") for line in text_of(self.at("etc/group")).splitlines()]
         members = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
         return {group: members[group] for group in names if group in members}
 
     def account(self) -> list[str] | None:
-        """Fields of the account of the service; None while it does not exist."""
+        """Return the fields of the account of the service; None while it does not exist."""
         lines = [line.split(":") for line in text_of(self.at("etc/passwd")).splitlines()]
         return next((fields for fields in lines if fields[0] == ACCOUNT and len(fields) == 7), None)
 
     @property
     def venv(self) -> Path:
-        """The environment of its own."""
+        """Return the path of the separate Python environment."""
         return self.at("opt/baqueano")
 
 
 def text_of(path: Path) -> str:
-    """Return the text of a file, "" where it does not exist."""
+    """Return the text of a file, "" if it does not exist."""
     return path.read_text(encoding="utf-8") if path.exists() else ""
 
 
 def _(words: str, /, **figures: object) -> str:
-    """Return words in the language of who typed `robot setup`."""
+    """Return words in the language of the user of `robot setup`."""
     return WORDS.get(words, words).format_map(figures)
 
 
 def whole(path: Path, text: str) -> None:
-    """Writes a file beside the old one and puts it in its place: where the power goes meanwhile, the old one stays."""
+    """Write a file beside the old one, then replace the old one: after a power cut the old one remains."""
     target = path.resolve()
     part = target.with_name(f"{target.name}.part")
     with part.open("w", encoding="utf-8") as file:
@@ -112,7 +112,7 @@ def whole(path: Path, text: str) -> None:
 
 
 def commanded(*command: str) -> str:
-    """Return the output of a command; SystemExit with its words where it fails."""
+    """Return the output of a command; SystemExit with its message if it fails."""
     process = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if process.returncode:
         output, line = (process.stderr or process.stdout).strip()[-2000:], " ".join(command)

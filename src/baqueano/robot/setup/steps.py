@@ -1,13 +1,13 @@
-"""The changes on a Raspberry Pi that make it a vehicle, step by step, and the way to undo each.
+"""Define the changes that make a Raspberry Pi a vehicle, step by step, and the way to undo each.
 
-Plain Python of the standard library: `baqueano robot setup` sends this file, behind machine.py, and the system's
+It uses only the standard library: `baqueano robot setup` sends this file, behind machine.py, and the system's
 python3 runs it as root.
 
     python3 steps.py plan|do|undo --bundle FOLDER --user NAME [--root /] [--now SECONDS]
 
-Each step reports whether it is done already, does it, and undoes what it did. The former state stands in
+Each step reports if it is done already, does it, and undoes it. The former state is stored in
 /etc/baqueano/setup.json, which is written after each step: an interrupted setup can be undone as well. Runs and the
-vehicle file in /var/lib/baqueano are the user's, and stay, with the vehicle.toml.before of the last change.
+vehicle file in /var/lib/baqueano belong to the user, and stay, with the vehicle.toml.before of the last change.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from pathlib import Path
 from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, text_of, whole
 
 DEVICES = ("dialout", "i2c", "gpio")  # groups of what the service opens
-GROUPS = (*DEVICES, "input")  # and a game pad, for who types there
+GROUPS = (*DEVICES, "input")  # "input": a game pad, for a user at the vehicle
 NOBODY = ("nologin", "false")  # shells of those who do not log in
 BEGIN, END = "# baqueano: begin", "# baqueano: end"
 CONFIG = f"""{BEGIN}
@@ -42,7 +42,7 @@ CLOCK_OFF_S = 60.0
 
 
 def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
-    """All of them, in order."""
+    """Return all steps, in order."""
     unit = text_of(pi.bundle / "baqueano.service")
     unit = unit.replace("@user@", ACCOUNT).replace("@groups@", " ".join(pi.groups(*DEVICES)))
     rules = text_of(pi.bundle / "60-baqueano.rules")
@@ -63,7 +63,7 @@ def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
 
 
 def clock(pi: Pi, now_s: float | None) -> Step:
-    """Set the laptop's time on a Pi, which lacks one without a network."""
+    """Return the step that sets the laptop's time on a Pi, which lacks the time without a network."""
     return Step(
         _("clock: the laptop's time") if now_s is not None else _("clock: as it is"),
         lambda: now_s is None or abs(time.time() - now_s) < CLOCK_OFF_S,
@@ -73,7 +73,7 @@ def clock(pi: Pi, now_s: float | None) -> Step:
 
 
 def boot_block(pi: Pi) -> Step:
-    """I2C at 400 kHz behind a core clock that stands still."""
+    """Return the step that sets I2C to 400 kHz and fixes the core clock."""
 
     def without() -> str:
         text = pi.config.read_text(encoding="utf-8")
@@ -97,7 +97,7 @@ def boot_block(pi: Pi) -> Step:
 
 
 def written(pi: Pi, path: str, text: str) -> Step:
-    """A whole file; what was there before comes back."""
+    """Return the step that writes a whole file; `undo` restores the former one."""
     target, key = pi.at(path), f"file {path}"
 
     def do() -> None:
@@ -118,7 +118,7 @@ def written(pi: Pi, path: str, text: str) -> Step:
 
 
 def linked(pi: Pi, path: str, to: str) -> Step:
-    """A command on everybody's path."""
+    """Return the step that links a command into the path of all users."""
     link, key = pi.at(path), f"link {path}"
 
     def do() -> None:
@@ -138,7 +138,10 @@ def linked(pi: Pi, path: str, to: str) -> Step:
 
 
 def account(pi: Pi) -> Step:
-    """The service is somebody of its own, who cannot log in and is in no group but those of its devices."""
+    """Return the step that creates the account of the service, without a login and only in the groups of its devices.
+
+    SystemExit if the name belongs to a user who logs in.
+    """
     if (entry := pi.account()) is not None and Path(entry[6]).name not in NOBODY:
         sys.exit(
             _(
@@ -165,7 +168,7 @@ def account(pi: Pi) -> Step:
 
 
 def groups(pi: Pi) -> Step:
-    """The user may open the line, the bus and a game pad, and speaks to the service."""
+    """Return the step that lets the user open the line, the bus and a game pad, and connect to the service."""
 
     def missing() -> list[str]:
         members_of = {**pi.groups(*GROUPS), ACCOUNT: pi.groups(ACCOUNT).get(ACCOUNT, [])}
@@ -189,8 +192,10 @@ def groups(pi: Pi) -> Step:
 
 
 def environment(pi: Pi) -> Step:
-    """A venv of its own, from the wheels of the bundle: neither the internet nor the system's pip is asked. The one
-    before it stays until the new one is whole, and comes back where that fails."""
+    """Return the step that makes a separate venv from the wheels of the bundle, without internet or the system's pip.
+
+    The old venv stays until the new one is complete, and is restored if that fails.
+    """
     wheels = [f"{path.name} {zlib.crc32(path.read_bytes()):08x}" for path in sorted(pi.bundle.glob("*.whl"))]
     stamp, before = pi.venv / "bundle.txt", pi.venv.with_name("baqueano.before")
 
@@ -243,8 +248,10 @@ def environment(pi: Pi) -> Step:
 
 
 def vehicle(pi: Pi) -> Step:
-    """The vehicle file. One that is there is replaced only by one that was made from it, whose text is in the bundle as
-    vehicle.toml.seen; it stays beside it."""
+    """Return the step that installs the vehicle file. The old one stays beside it.
+
+    An existing file is replaced only by one that was made from it; its text is in the bundle as vehicle.toml.seen.
+    """
     target, bundle_file = pi.at(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
@@ -270,7 +277,7 @@ def vehicle(pi: Pi) -> Step:
 
 
 def home(pi: Pi) -> Step:
-    """Runs and vehicle file are the service's; its group, whoever speaks to it, may change the vehicle file."""
+    """Return the step that gives runs and vehicle file to the service; its group may change the vehicle file."""
     place = pi.at(HOME)
 
     def is_done() -> bool:
@@ -292,7 +299,7 @@ def home(pi: Pi) -> Step:
 
 
 def service(pi: Pi) -> Step:
-    """Starts now and at each start of the machine."""
+    """Return the step that starts the service now and at each start of the machine."""
 
     def do() -> None:
         pi.note("service", True)
@@ -310,7 +317,7 @@ def service(pi: Pi) -> Step:
 
 
 def undo(pi: Pi, todo: list[Step]) -> int:
-    """Takes back what was noted, the last first."""
+    """Undo the recorded changes, the last one first; return the exit code."""
     if not pi.noted:
         print(_("nothing of baqueano is installed here"))
         return 0
@@ -326,7 +333,7 @@ def undo(pi: Pi, todo: list[Step]) -> int:
 
 
 def main(arguments: list[str] | None = None, run: Callable[..., str] | None = None) -> int:
-    """See above; one line for each step."""
+    """Plan, do or undo the steps, with one output line for each; return the exit code."""
     parser = argparse.ArgumentParser()
     parser.add_argument("what", choices=("plan", "do", "undo"))
     parser.add_argument("--bundle", type=Path, default=Path())

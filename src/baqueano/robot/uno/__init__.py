@@ -1,1 +1,1 @@
-"""The Uno, which holds the motors: the frames sent to it, its serial line, and the settings that it keeps."""
+"""Drive the motors through the Uno: the frames sent to it, its serial line, and the settings that it stores."""

@@ -1,4 +1,4 @@
-"""firmware/uno/frames.h, made from frames.py: `python -m baqueano.robot.uno.c_header` prints it."""
+"""Generate firmware/uno/frames.h from frames.py: `python -m baqueano.robot.uno.c_header` prints it."""
 
 from typing import Any, get_type_hints
 
@@ -9,12 +9,12 @@ C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "h": "int16_t", "i"
 
 
 def snake(name: str) -> str:
-    """AskInfo → ask_info."""
+    """Return a name in snake case: AskInfo → ask_info."""
     return "".join(("_" if c.isupper() and k else "") + c.lower() for k, c in enumerate(name))
 
 
 def c_struct(layout: type[Any]) -> list[str]:
-    """The packed structure of one layout, its length, and the ranges of its numbers."""
+    """Return the lines of a layout in C: its packed structure, its length, and the ranges of its numbers."""
     name, lines, ranges = snake(layout.__name__), [], []
     for field, hint in get_type_hints(layout, include_extras=True).items():
         code, *more = hint.__metadata__
@@ -34,7 +34,7 @@ def c_struct(layout: type[Any]) -> list[str]:
 
 
 def c_header() -> str:
-    """The text of firmware/uno/frames.h."""
+    """Return the text of firmware/uno/frames.h."""
     lines = [
         "/* Made from src/baqueano/robot/uno/frames.py: change that, then `make firmware`. */",
         "#pragma once",
@@ -75,7 +75,7 @@ def c_header() -> str:
 
 
 def defaults(name: str, frame: Frame) -> list[str]:
-    """Return the default initialiser of the structure."""
+    """Return the line that defines the default initialiser of the structure."""
 
     def braces(values: tuple[Any, ...]) -> str:
         return "{" + ", ".join(braces(v) if isinstance(v, tuple) else str(int(v)) for v in values) + "}"

@@ -1,10 +1,10 @@
-"""The clock of the Uno in the time of the host.
+"""Convert the clock of the Uno to the time of the host.
 
-    ping at h₁, answered at device time d, answer heard at h₂:   h(d) ≈ (h₁ + h₂)/2,  wrong by ≤ (h₂ − h₁)/2     (1)
-    h(d) = h₀ + (1 + ε)(d − d₀)        least squares over the quickest answer of each PART_S of a window          (2)
+    ping at h₁, answered at device time d, answer received at h₂:   h(d) ≈ (h₁ + h₂)/2,  error ≤ (h₂ − h₁)/2       (1)
+    h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each PART_S of a window       (2)
 
-A ceramic resonator is off by up to 0.5 %, 3 s in ten minutes; what comes late over USB is late one way only, so
-the quick answers are the honest ones (as in NTP). Until two parts are seen ε is 0 and h₀ that of the quickest.
+A ceramic resonator is off by up to 0.5 %, 3 s in ten minutes. A delay over USB affects one direction only, so the
+quickest answers are the most accurate (as in NTP). With fewer than three parts, ε is 0 and h₀ that of the quickest.
 """
 
 from collections import deque
@@ -22,12 +22,12 @@ class PongTimes(NamedTuple):
     """A ping with its answer."""
 
     device_us: int
-    middle_ns: int  # half-way between question and answer, of the host
+    middle_ns: int  # half-way between ping and answer, by the host's clock
     trip_ns: int
 
 
 class UnoClock:
-    """Maps device times to those of the host, better with every answer."""
+    """The conversion of device times to host times, refined with every answer."""
 
     def __init__(self) -> None:
         self.skew = 0.0  # ε: by how much a second of the device is longer than one of the host
@@ -37,7 +37,7 @@ class UnoClock:
         self.synchronised = False
 
     def unwrapped(self, t_us: int) -> int:
-        """Device time [µs] that does not fall back after 71 minutes. Frames come in order, within half of that."""
+        """Return the device time [µs] without its overflow after 71 minutes, for frames within half of that."""
         if self._last_us < 0:
             self._last_us = t_us
         step = (t_us - self._last_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
@@ -46,7 +46,7 @@ class UnoClock:
         return now
 
     def answered(self, sent_ns: int, device_us: int, received_ns: int) -> None:
-        """Add a ping. `device_us` as `unwrapped` gives it."""
+        """Add an answered ping and estimate offset and skew again. `device_us` is a time from `unwrapped`.  (1), (2)"""
         self._answers.append(PongTimes(device_us, (sent_ns + received_ns) // 2, received_ns - sent_ns))
         while received_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
@@ -64,6 +64,6 @@ class UnoClock:
             self.skew, self._at = float(slope) - 1.0, (self._at[0], self._at[1] + round(offset))
 
     def host_ns(self, device_us: int) -> int:
-        """The time of the host at a device time, which `unwrapped` gave.  (2)"""
+        """Return the time of the host at a device time from `unwrapped`.  (2)"""
         since_ns = (device_us - self._at[0]) * NS_PER_US
         return self._at[1] + since_ns + round(self.skew * since_ns)

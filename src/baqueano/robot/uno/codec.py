@@ -1,8 +1,8 @@
-"""Frames to bytes and back: COBS (Cheshire & Baker 1999) and CRC-16/CCITT-FALSE, see frames.py (1), (2).
+"""Convert frames to bytes and back: COBS (Cheshire & Baker 1999) and CRC-16/CCITT-FALSE, see frames.py (1), (2).
 
-COBS    replaces each zero by the distance to the next one, so that zero means end of frame alone;
+COBS    replaces each zero by the distance to the next one, so that a zero only means the end of a frame;
         a body of n < 254 bytes becomes n + 1 bytes
-lead    a zero goes before each frame too: noise that came before it then costs itself alone
+lead    a zero also goes before each frame: noise before it then does not damage the frame
 loss    a damaged body passes the CRC with probability 2⁻¹⁶; it must also have a known kind, the right
         length, and, towards the motors, the nonce, a newer sequence and numbers in range
 """
@@ -31,7 +31,7 @@ LONGEST = 1 + 2 + MAX_PAYLOAD + 2
 
 
 def remainder(byte: int) -> int:
-    """Divide a byte by the polynomial of the seal."""
+    """Return the remainder of a byte divided by the polynomial of the seal."""
     crc = byte << 8
     for _ in range(8):
         crc = crc << 1 & 0xFFFF ^ (SEAL_POLYNOMIAL if crc & 0x8000 else 0)
@@ -42,19 +42,19 @@ SEAL_TABLE = [remainder(byte) for byte in range(256)]
 
 
 class ReceivedFrame(NamedTuple):
-    """A frame that arrived whole."""
+    """A frame that arrived undamaged."""
 
     seq: int
     frame: Frame
 
 
 def stuff(body: bytes) -> bytes:
-    """COBS of a body shorter than 254 bytes, which holds no zero."""
+    """Return the COBS code, free of zeros, of a body shorter than 254 bytes."""
     return b"".join(bytes([len(run) + 1]) + run for run in body.split(b"\0"))
 
 
 def unstuff(stuffed: bytes) -> bytes | None:
-    """The body of a COBS text without its zeros; None where the distances do not add up."""
+    """Return the body of a COBS code without its zeros; None if the distances do not add up."""
     body, place = bytearray(), 0
     while place < len(stuffed):
         distance = stuffed[place]
@@ -68,7 +68,7 @@ def unstuff(stuffed: bytes) -> bytes | None:
 
 
 def seal(body: bytes) -> int:
-    """CRC-16 with polynomial 0x8BB7 of kind … payload; 0 of a body that ends with its own seal."""
+    """Return the CRC-16 of kind … payload with polynomial 0x8BB7; 0 for a body that ends with its correct seal."""
     crc = 0
     for byte in body:
         crc = (crc << 8 & 0xFFFF) ^ SEAL_TABLE[crc >> 8 ^ byte]
@@ -76,7 +76,7 @@ def seal(body: bytes) -> int:
 
 
 def framed(kind: int, seq: int, payload: bytes) -> bytes:
-    """Return the bytes of any payload on the wire."""
+    """Return the bytes of a payload on the wire."""
     body = bytes([kind, seq & 0xFF]) + payload
     if kind in SEALED:
         body += seal(body).to_bytes(2, "big")
@@ -84,15 +84,15 @@ def framed(kind: int, seq: int, payload: bytes) -> bytes:
 
 
 def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
-    """The bytes of a frame, with a zero at both ends.
+    """Return the bytes of a frame, with a zero at both ends.
 
     Args:
         frame: any NamedTuple of frames.py.
         seq: its sequence; taken modulo 256.
-        kind: only to speak as the firmware where two kinds share a layout.
+        kind: only to send as the firmware, if two kinds share a layout.
 
     Raises:
-        UsageError: a number is out of the range that the firmware takes.
+        UsageError: a number is out of the range that the firmware accepts.
     """
     if wrong := outside(frame):
         path, number, (least, most) = wrong
@@ -110,10 +110,10 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
 
 
 class Decoder:
-    """Takes bytes as they come, in pieces of any length, and gives the frames that are whole.
+    """A decoder that takes bytes in chunks of any length and returns the complete frames.
 
     Attributes:
-        bad_crc: pieces between two zeros that were not a frame: COBS, CRC or seal is wrong, too short or too long.
+        bad_crc: segments between two zeros that are not frames: wrong COBS, CRC or seal, too short or too long.
         bad_shape: frames whose CRC is right, of an unknown kind or a wrong length.
     """
 
@@ -122,7 +122,7 @@ class Decoder:
         self._open = b""
 
     def feed(self, data: bytes) -> list[ReceivedFrame]:
-        """The frames ended by these bytes, in order."""
+        """Return the frames that these bytes complete, in order."""
         if b"\0" not in data:
             self._open = (self._open + data)[: LONGEST + 1]
             return []

@@ -1,4 +1,4 @@
-"""Writes the firmware into the Uno: avrdude through its boot-loader, then asks who is there.
+"""Write the firmware into the Uno by avrdude through its boot-loader, then request its identity.
 
 The package holds the firmware as the compiler of Debian 12 makes it (avr-gcc 5.4.0; firmware/uno builds to the same
 bytes in any folder, which a test checks). The settings of the vehicle are in EEPROM and stay.
@@ -27,7 +27,7 @@ FLASH_BYTES = 32_256  # without the boot-loader
 
 
 class FlashResult(NamedTuple):
-    """The written file, and the firmware that answered then."""
+    """The result of writing: port, size, and the firmware that answered afterwards."""
 
     port: str
     bytes: int
@@ -41,7 +41,7 @@ class FlashResult(NamedTuple):
         return [self._asdict()]
 
     def table(self) -> str:
-        """A line."""
+        """Return the result as one line of text."""
         return _(
             "{port}: {bytes} bytes written and read back; firmware {version}, protocol {protocol}, boot {boots}",
             port=self.port,
@@ -53,12 +53,12 @@ class FlashResult(NamedTuple):
 
 
 def shipped() -> Path:
-    """The firmware of this package."""
+    """Return the path of the firmware in this package."""
     return Path(str(files("baqueano.robot") / "files" / SHIPPED))
 
 
 def program(path: Path) -> bytes:
-    """The bytes of an Intel hex file that begins at 0. FileError for anything else."""
+    """Return the bytes of an Intel hex file that begins at 0. FileError for anything else."""
     memory = bytearray()
     try:
         lines = path.read_text(encoding="ascii").split()
@@ -83,16 +83,16 @@ def program(path: Path) -> bytes:
 
 
 def checksum(path: Path) -> str:
-    """A short name of what is in a hex file."""
+    """Return the CRC-32 of a hex file's program as eight hexadecimal digits."""
     return f"{zlib.crc32(program(path)):08x}"
 
 
 def flash(
     port: str = "auto", hex_file: Path | None = None, say: Callable[[str], object] = lambda text: None
 ) -> FlashResult:
-    """Writes `hex_file`, else the package's own, and waits for its name.
+    """Write `hex_file`, or the package's firmware if None, and wait for the identity of the new firmware.
 
-    UsageError without avrdude, RobotUnreachable where no boot-loader answers or the new firmware does not.
+    UsageError without avrdude, RobotUnreachable if no boot-loader answers or the new firmware does not.
     """
     path = hex_file or shipped()
     size = len(program(path))

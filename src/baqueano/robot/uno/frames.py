@@ -1,16 +1,15 @@
-"""The frames between the host and the Uno: the one source of their layout, from which the C header is made.
+"""Define the frames between the host and the Uno: the only source of their layout, also for the C header.
 
-    wire    0x00 | COBS( kind u8 | sequence u8 | payload 0…40 bytes | CRC-16 big-endian ) | 0x00          (1)
-    CRC     CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected, over kind … payload   (2)
-    duty    per mille of full voltage, + is forwards; integers are little-endian, no padding              (3)
+    wire    0x00 | COBS( kind u8 | sequence u8 | payload 0…40 bytes | CRC-16 big-endian ) | 0x00             (1)
+    CRC     CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected, over kind … payload      (2)
+    duty    per mille of full voltage, + is forwards; integers are little-endian, no padding                 (3)
     seal    DRIVE, CONFIG and SETTINGS towards the firmware end their payload with a second CRC-16, big-endian:
-            polynomial 0x8BB7, start 0, nothing reflected, over kind … payload                            (4)
+            polynomial 0x8BB7, start 0, nothing reflected, over kind … payload                               (4)
 
-A field is a line of a NamedTuple: its name carries the unit, its type the width on the wire and, where the
-firmware refuses other values, the range. A frame of an unknown kind or of a wrong length is counted and
-ignored on both sides. The kinds sent by the firmware have bit 7 set. firmware/uno/frames.h is made of this file by
-c_header.py, in `make firmware`. Rules of nonce, sequence, arming and stop, and why there are two CRCs:
-docs/derivations/firmware_link.md.
+A field is a line of a NamedTuple: its name ends with the unit. Its type is the width on the wire and, if the firmware
+refuses other values, the range. Both sides count and ignore a frame of an unknown kind or of a wrong length. Frames
+sent by the firmware have bit 7 of the kind set. c_header.py makes firmware/uno/frames.h from this file, in `make
+firmware`. docs/derivations/firmware_link.md explains nonce, sequence, arming and stop, and the reason for two CRCs.
 """
 
 import struct
@@ -27,14 +26,14 @@ NO_AGE = 0xFFFF
 
 
 class Within(NamedTuple):
-    """Both ends belong to the range."""
+    """A range; both ends belong to it."""
 
     least: int
     most: int
 
 
 class Array(NamedTuple):
-    """A nested layout, so many times."""
+    """A nested layout, repeated `times` times."""
 
     times: int
 
@@ -69,7 +68,10 @@ class StateFlag(IntFlag):
 
 
 class ResetCause(IntFlag):
-    """Bits 0…3 as in MCUSR; a boot-loader may have cleared them. Bits 6, 7 are seen in RAM that outlived."""
+    """The causes of a reset: bits 0…3 as in MCUSR, which a boot-loader may have cleared.
+
+    Bits 6 and 7 come from RAM that survived the reset.
+    """
 
     POWER = 1
     EXTERNAL = 2
@@ -80,12 +82,12 @@ class ResetCause(IntFlag):
 
 
 def causes(bits: int) -> str:
-    """The names of those causes, "" of none."""
+    """Return the names of these causes, "" for none."""
     return " ".join(flag.name.lower().replace("_", "-") for flag in ResetCause if bits & flag and flag.name)
 
 
 class Driver(IntEnum):
-    """The bridge. They differ in how to brake and to coast, and in the highest PWM frequency they follow."""
+    """The motor bridge: bridges differ in braking, coasting and the highest PWM frequency."""
 
     L298N = 1
     TB6612 = 2
@@ -104,7 +106,7 @@ class Encoders(IntEnum):
 
 
 class Wiring(IntFlag):
-    """Plugs that went in the other way round."""
+    """The flags of plugs that are connected the other way round."""
 
     LEFT_MOTOR_REVERSED = 1
     RIGHT_MOTOR_REVERSED = 2
@@ -116,7 +118,7 @@ class Wiring(IntFlag):
 
 
 class Drive(NamedTuple):
-    """A command. `ttl_10ms` may shorten the dead-man for this one command, never lengthen it; 0 leaves it."""
+    """A command. `ttl_10ms` may shorten the dead-man time of this command, never lengthen it; 0 leaves it unchanged."""
 
     nonce: U8
     left_permille: Duty
@@ -126,7 +128,7 @@ class Drive(NamedTuple):
 
 
 class Config(NamedTuple):
-    """For this session; gone at a reset. Refused as a whole when one value is out of range; answered by INFO.
+    """The configuration of a session, lost at a reset. One value out of range refuses the whole; the answer is INFO.
 
     `slew_permille_per_ms` 1000 does not limit; `least_battery_mv` 0 does not check; PWM also ≤ MOST_PWM_HZ.
     """
@@ -139,22 +141,25 @@ class Config(NamedTuple):
 
 
 class Ping(NamedTuple):
-    """Answered at once by PONG with the same token."""
+    """A request that PONG answers at once with the same token."""
 
     token: U32
 
 
 class Stop(NamedTuple):
-    """Motors off now, latched."""
+    """The command to switch the motors off now; it is latched."""
 
 
 class AskInfo(NamedTuple):
-    """Answered by INFO."""
+    """A request that INFO answers."""
 
 
 class Way(NamedTuple):
-    """A wheel in one direction, all in permille: duty = dead_zone + slope·|request| / 1000, and while it starts, for
-    `Settings.kick_ms`, at least `kick_permille`."""
+    """The characteristic of a wheel in one direction, all in permille.
+
+    duty = dead_zone + slope·|request| / 1000. While the wheel starts, for `Settings.kick_ms`, the duty is at least
+    `kick_permille`.
+    """
 
     dead_zone_permille: Annotated[int, "H", Within(0, 700)] = 0
     slope_permille: Annotated[int, "H", Within(100, 3000)] = 1000
@@ -162,11 +167,11 @@ class Way(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """Of this one vehicle; kept in EEPROM. Taken only while disarmed; answered by SETTINGS once stored.
+    """The settings of one vehicle, stored in EEPROM. Accepted only while disarmed; answered by SETTINGS once stored.
 
     `battery_permille` is battery voltage over voltage at A0 (3000: a divider 20 kΩ / 10 kΩ). `ways` in the
     order left forwards, left backwards, right forwards, right backwards. Dither adds ± `dither_permille`,
-    its sign changes each `dither_ms`, while the request is not zero.
+    whose sign changes each `dither_ms`, while the request is not zero.
     """
 
     wiring: Annotated[int, "B", Within(0, 127)] = 0
@@ -180,11 +185,11 @@ class Settings(NamedTuple):
 
 
 class AskSettings(NamedTuple):
-    """Answered by SETTINGS."""
+    """A request that SETTINGS answers."""
 
 
 class State(NamedTuple):
-    """Telemetry. Sums and counts wrap at 2³¹, `t_us` at 2³², counters of one byte at 256."""
+    """The telemetry. Sums and counts wrap at 2³¹, `t_us` at 2³², counters of one byte at 256."""
 
     t_us: U32
     mark_t_us: U32
@@ -206,14 +211,14 @@ class State(NamedTuple):
 
 
 class Pong(NamedTuple):
-    """The clock of the firmware when it read the PING."""
+    """The answer to a PING, with the clock of the firmware when it read it."""
 
     token: U32
     t_us: U32
 
 
 class Info(NamedTuple):
-    """Identity of the firmware, its start, and its counts of refusals since. Sent at boot, and on request."""
+    """The identity of the firmware, its start, and its counts of refused frames since. Sent at boot, and on request."""
 
     protocol: U8
     nonce: U8
@@ -252,7 +257,7 @@ KINDS: dict[int, type[Frame]] = {
 
 
 class Field(NamedTuple):
-    """A number of a layout, nested ones laid flat. Its range is that of its width unless a narrower one is given."""
+    """A number of a flattened layout. Its range is that of its width unless a narrower one is given."""
 
     path: str
     code: str
@@ -260,13 +265,13 @@ class Field(NamedTuple):
 
 
 def width(code: str) -> Within:
-    """The range of an integer of the wire."""
+    """Return the range of an integer of the wire."""
     bits = 8 * struct.calcsize(code)
     return Within(-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else Within(0, (1 << bits) - 1)
 
 
 def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
-    """The numbers of a layout in the order of the wire."""
+    """Return the numbers of a layout in the order of the wire, nested ones flattened."""
     out: list[Field] = []
     for name, hint in get_type_hints(layout, include_extras=True).items():
         code, *more = hint.__metadata__
@@ -290,7 +295,7 @@ LENGTHS = {kind: STRUCTS[layout].size + 2 * (kind in SEALED) for kind, layout in
 
 
 def flat(frame: tuple[Any, ...]) -> list[int]:
-    """The numbers of a frame, nested ones laid flat."""
+    """Return the numbers of a frame, nested ones flattened."""
     numbers: list[int] = []
     for value in frame:
         numbers += flat(value) if isinstance(value, tuple) else [int(value)]
@@ -298,7 +303,7 @@ def flat(frame: tuple[Any, ...]) -> list[int]:
 
 
 def built(layout: type[Any], numbers: list[int]) -> Any:
-    """The inverse of `flat`; takes its numbers from the front of the list."""
+    """Build a frame from flattened numbers, which are removed from the front of the list: the inverse of `flat`."""
     values: list[Any] = []
     for hint in get_type_hints(layout, include_extras=True).values():
         code, *more = hint.__metadata__
@@ -312,18 +317,18 @@ def built(layout: type[Any], numbers: list[int]) -> Any:
 
 
 def pack(frame: Frame) -> bytes:
-    """The payload of a frame; struct.error where a number does not fit its width."""
+    """Return the payload of a frame; struct.error if a number does not fit its width."""
     return STRUCTS[type(frame)].pack(*(flat(frame) if type(frame) in NESTED else frame))
 
 
 def unpack(layout: type[Frame], payload: bytes) -> Frame:
-    """The frame of a payload whose length is that of the layout."""
+    """Return the frame of a payload, which must have the length of the layout."""
     numbers = STRUCTS[layout].unpack(payload)
     return built(layout, list(numbers)) if layout in NESTED else layout(*numbers)
 
 
 def outside(frame: Frame) -> tuple[str, int, Within] | None:
-    """The first number out of its range, with its name and the range; None where all are within."""
+    """Return the first number out of its range as (name, number, range); None if all are within."""
     numbers: list[Any] = flat(frame) if type(frame) in NESTED else list(frame)
     for field, number in zip(FIELDS[type(frame)], numbers, strict=True):
         if not field.within.least <= number <= field.within.most:

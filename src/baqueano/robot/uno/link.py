@@ -1,12 +1,12 @@
-"""The Uno as the host sees it: commands out, telemetry in, and no call that waits for the line.
+"""Connect the host with the Uno: send commands, receive telemetry, without a call that waits for the line.
 
-    Uno         what is said and heard, over any port; it sleeps nowhere and starts nothing           (this file)
-    serial_port a real line, with a thread that listens, and opens it again when it was pulled
+    Uno          the messages in both directions, over any port; it neither sleeps nor starts a thread    (this file)
+    serial_port  a real line, with a thread that reads it, and opens it again after a disconnection
 
-Nothing here sends a command twice: each DRIVE is one that a step of the control loop computed just now. When the
-loop hangs, nothing is sent, and the firmware's dead man stops the motors; the loop does not go on by itself then
-(standstill.py). After a reset of the Uno, by a brown-out or a pulled cable, its nonce is another one: commands are
-ignored there until somebody arms it again.
+No command is sent twice: each DRIVE was computed by the present step of the control loop. If the loop hangs, no command
+is sent, and the firmware's dead man stops the motors. The loop then does not continue without the operator
+(standstill.py). After a reset of the Uno, by a brown-out or a disconnected cable, its nonce has changed: the Uno
+ignores commands until it is armed again.
 """
 
 import math
@@ -41,26 +41,26 @@ from baqueano.robot.uno.statistics import Statistics
 from baqueano.worlds.robot import Telemetry, grown
 
 PING_EVERY_S = 0.1
-KEPT = 2000  # telemetry that nobody asked for: 20 s
-ANSWER_S = 1.0  # within which a question outside a drive is answered
+KEPT = 2000  # telemetry frames that were not yet received by the caller: 20 s
+ANSWER_S = 1.0  # timeout of a request outside a drive
 ASK_AGAIN_S = 0.2
 SILENCE_US = 500_000  # in which fewer than 128 frames are sent
-ARM_DELAY_S = 0.01  # within which what is sent is heard: telemetry of later shows it
-ARMING_S = 0.2  # for which arming is said again, before it is a trouble
+ARM_DELAY_S = 0.01  # within which the Uno receives a frame: later telemetry shows it
+ARMING_S = 0.2  # for which arming is repeated before it counts as a trouble
 MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
-LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # until telemetry no longer says them
+LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept until telemetry no longer reports them
 Reply = TypeVar("Reply")
 
 
 class Port(Protocol):
-    """Bytes out and in, neither of which waits."""
+    """A port for bytes in both directions, without waiting."""
 
     def write(self, data: bytes) -> None:
-        """Sends, or raises OSError where the line is gone or full."""
+        """Send the bytes, or raise OSError if the line is gone or full."""
         ...
 
     def read(self) -> bytes:
-        """Return the bytes that came, maybe none."""
+        """Return the bytes that arrived, maybe empty."""
         ...
 
 
@@ -75,8 +75,8 @@ class EarlierFrame(NamedTuple):
 class Uno:
     """The firmware at the other end of `port`; `now_ns` is the clock of the host.
 
-    Telemetry comes each `Config.telemetry_ms` and is kept until `receive` takes it; `trouble` says why
-    nothing drives, None where it may.
+    Telemetry comes each `Config.telemetry_ms` and is kept until `receive` takes it. `trouble` states why nothing
+    drives, None if it may drive.
 
     >>> from baqueano.robot.uno.serial_port import connected
     >>> with connected() as uno:  # an Uno on a real line, whose thread calls pump()
@@ -90,22 +90,22 @@ class Uno:
         self.statistics, self.clock = Statistics(), UnoClock()
         self.info: Info | None = None
         self.trouble: Diagnostic | None = None  # why nothing drives although it was armed
-        self.noise_ns = -(1 << 62)  # when something damaged came last
+        self.noise_ns = -(1 << 62)  # time of the last damaged frame
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
         self._standstill = Standstill(now_ns)
         self._telemetry: deque[Telemetry] = deque(maxlen=KEPT)
         self._replies: dict[type, Any] = {}
         self._pings: dict[int, int] = {}
         self._before: EarlierFrame | None = None
-        self._nonce: int | None = None  # of the boot that was heard last
+        self._nonce: int | None = None  # of the last frame of the firmware
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged_count = False, False, 0
-        self._armed_ns = 0  # when it was said
-        self._unarmed_ns: int | None = None  # since when telemetry shows that it was not heard
+        self._armed_ns = 0  # time of `arm`
+        self._unarmed_ns: int | None = None  # since when telemetry shows it as not armed
         self._lock = threading.RLock()  # a listening thread and the loop share the line
 
     def drive(self, left: float, right: float) -> None:
-        """Duties in [-1, 1], now and once; none after a standstill of the computer, which disarms."""
+        """Send duties in [-1, 1], once; after a standstill of the computer disarm instead."""
         self.stood_still()
         self._standstill.driven()
         if self.info is None or not self._armed:
@@ -118,8 +118,11 @@ class Uno:
         self.statistics.unsent += not ok
 
     def arm(self) -> None:
-        """Let commands drive from now on. The first one asks for zero motion; it is sent again before each,
-        until telemetry shows that it was obeyed. `trouble` if that takes longer than ARMING_S."""
+        """Arm, so that the following commands drive; the first one requests zero duty.
+
+        That one is repeated before each command until telemetry shows that it was obeyed. `trouble` is set if that
+        takes longer than ARMING_S.
+        """
         with self._lock:
             self._armed, self._confirmed, self.trouble = True, False, None
             self._standstill.forget()
@@ -140,8 +143,10 @@ class Uno:
         self._send(Stop())
 
     def clear_stop(self) -> None:
-        """Takes the latch of `stop` away, and what was wrong before; it drives only once it is armed again. `trouble`
-        stays UNO_LATCHED until telemetry shows that the latch is gone: the line may have lost this."""
+        """Clear the latch of `stop`, and earlier troubles. The vehicle drives only once it is armed again.
+
+        `trouble` stays UNO_LATCHED until telemetry shows that the latch is gone: the line may lose this frame.
+        """
         with self._lock:
             self._forgive()
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
@@ -156,12 +161,12 @@ class Uno:
         return self.trouble is not None and self.trouble.code in LASTING
 
     def receive(self) -> list[Telemetry]:
-        """Telemetry since this was last asked, in order."""
+        """Return the telemetry since the last call, in order."""
         self.pump()
         return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
 
     def stood_still(self) -> Diagnostic | None:
-        """Return why nothing drives on after a standstill of the computer; None where it may. It disarms."""
+        """Return why a drive may not continue after a standstill of the computer, and disarm; None if it may."""
         config = Config() if self.info is None else self.info.config
         if self._armed and (reason := self._standstill.look(config.dead_man_ms)):
             with self._lock:
@@ -170,7 +175,7 @@ class Uno:
         return self._standstill.reason
 
     def pump(self) -> None:
-        """Takes what the line has, and asks for the time when it is due."""
+        """Process the bytes that the line has, and send a ping when it is due."""
         with self._lock:
             self._pump()
 
@@ -197,7 +202,7 @@ class Uno:
                 self._send(AskInfo())
 
     def reopened(self) -> None:
-        """The line is another one: who is there has to be asked again."""
+        """Reset the state after the line was opened again: the firmware must be identified anew."""
         self.info, self._decoder, self._damaged_count = None, Decoder(), 0
         self._pings.clear()
 
@@ -210,8 +215,10 @@ class Uno:
         wait: Callable[[float], object] = time.sleep,
         accepts: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
-        """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
-        none comes within ANSWER_S."""
+        """Send a request and return the first reply that is accepted: an older reply may still be on its way.
+
+        RobotUnreachable if none comes within ANSWER_S.
+        """
         received_reply: Any = None
         self._replies.pop(answer, None)
         end_ns, retry_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
@@ -239,7 +246,7 @@ class Uno:
         )
 
     def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:
-        """Sets what holds until the next reset; what the firmware then says of itself."""
+        """Set the configuration until the next reset; return the INFO that confirms it."""
         return self.ask(config, Info, wait, lambda info: info.config == config)
 
     def tell(self, config: Config) -> None:
@@ -251,13 +258,13 @@ class Uno:
         return self.ask(AskSettings(), Settings, wait)
 
     def keep(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
-        """Writes `settings` into its EEPROM; only while disarmed."""
+        """Write `settings` into the Uno's EEPROM; only while disarmed."""
         self.ask(settings, Settings, wait, lambda reply: reply == settings)
 
     # what comes in
 
     def _drive(self, left: int, right: int, flags: int) -> bool:
-        """Its sequence is its own: the firmware counts from the DRIVE it obeyed last, and telemetry tells which."""
+        """Send a DRIVE with a separate sequence: the firmware counts from the last DRIVE that it obeyed."""
         with self._lock:
             info, self._drive_seq = self.info, (self._drive_seq + 1) & 0xFF
             return info is not None and self._send(Drive(info.nonce, left, right, flags), self._drive_seq)
@@ -292,8 +299,10 @@ class Uno:
                 self._replies[type(frame)] = frame
 
     def _in_turn(self, received_frame: ReceivedFrame) -> bool:
-        """Return True if neither this frame nor a newer one came before; count those missing before it. After
-        a long silence its sequence says nothing, and the time of telemetry counts."""
+        """Return True if neither this frame nor a newer one came before, and count those missing before it.
+
+        After a long silence the sequence is ambiguous, and the time of telemetry counts.
+        """
         ahead = (received_frame.seq - self._seq_received) & 0xFF
         if (
             self._seq_received >= 0
@@ -307,20 +316,20 @@ class Uno:
         return True
 
     def _newer(self, frame: Frame, by_us: int = 0) -> bool:
-        """Return True if this telemetry is later than the last one by this time. An INFO is always new."""
+        """Return True if this telemetry is more than `by_us` later than the last one; an INFO is new if that is 0."""
         if not isinstance(frame, State) or self._before is None:
             return by_us == 0 and isinstance(frame, State | Info)
         return by_us < (frame.t_us - self._before.state.t_us) % WRAP_US < WRAP_US // 2
 
     def _of_boot(self, frame: State | Info) -> None:
-        """Notices that the firmware began anew, though the line was gone meanwhile."""
+        """Detect a restart of the firmware by its nonce, even if the line was gone meanwhile."""
         if self._nonce is not None and frame.nonce != self._nonce:
-            self.info = None  # it will be asked who it is now
+            self.info = None  # `_pump` will request it again
             self._take_restart(frame.reset_cause if isinstance(frame, Info) else 0)
         self._nonce = frame.nonce
 
     def _take_restart(self, cause: int) -> None:
-        """The firmware began anew: what was armed is not, and its clock and counts begin at 0."""
+        """Process a restart of the firmware: it is disarmed, and its clock and counts begin at 0."""
         self.statistics.resets += 1
         self.clock, self._before, self._seq_received = UnoClock(), None, -1
         if self._armed:
@@ -349,14 +358,14 @@ class Uno:
         )  # fmt: skip
 
     def _count(self, before: State, now: State) -> None:
-        """Return the misses of the Uno between two of its frames. Its counters wrap at 256."""
+        """Add the faults that the Uno counted between two of its frames. Its counters wrap at 256."""
         s = self.statistics
         s.spoilt += (now.bad_frames - before.bad_frames) & 0xFF
         s.ignored += (now.ignored_frames - before.ignored_frames) & 0xFF
         s.overrun += (now.overruns - before.overruns) & 0xFF
 
     def _judge(self, state: State, t_ns: int) -> None:
-        """Why nothing drives, as far as the flags tell."""
+        """Set `trouble` from the flags of the telemetry."""
         if state.flags & StateFlag.STOPPED:
             self.trouble = stop(StopReason.UNO_LATCHED, "baqueano robot clear")
         elif state.flags & StateFlag.BATTERY_LOW:
@@ -376,12 +385,12 @@ class Uno:
 
 
 def permille(duty: float) -> int:
-    """Return a duty, clipped to [-1, 1], as the wire has it; 0 for a number that is not finite."""
+    """Return a duty, clipped to [-1, 1], in permille; 0 for a number that is not finite."""
     return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
 
 
 def applied(state: State, before: EarlierFrame | None, t_us: int) -> tuple[float, float]:
-    """The mean duty of both motors since the telemetry before; of now, where none came."""
+    """Return the mean duty (left, right) since the previous telemetry, or the present duty without a previous one."""
     if before is None or t_us <= before.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille
     ms = max(1, round(1e-3 * (t_us - before.t_us)))  # the sums count whole milliseconds

@@ -1,8 +1,8 @@
-"""A serial line under the link: found by its stable name, never waited for, opened again when it was pulled.
+"""Provide a serial line for the link: found by its stable name, without waiting, reopened after a disconnection.
 
-Opening the line resets an Uno (its DTR does), so it is opened once and kept. Then the boot-loader listens for a
-second or two, and the firmware says INFO by itself. A service that starts opens it first (`roused`) and loads the rest
-of itself meanwhile, which is why nothing here imports numpy.
+Opening the line resets an Uno (its DTR does), so it is opened once and kept open. Then the boot-loader waits a second
+or two, and the firmware sends INFO unasked. A service that starts opens the line first (`roused`) and loads the rest of
+its code meanwhile. For that reason this module does not import numpy.
 """
 
 import errno
@@ -35,7 +35,7 @@ OTHERS = ("/dev/ttyACM*", "/dev/ttyUSB*")
 
 
 class SerialPort:
-    """The line at `path`; OSError where it is not open just now."""
+    """The line at `path`. Its calls raise OSError while it is not open."""
 
     def __init__(self, path: str, baud: int = BAUD) -> None:
         self.path, self.baud = path, baud
@@ -43,11 +43,11 @@ class SerialPort:
 
     @property
     def is_open(self) -> bool:
-        """Return True if the line is there, as far as one can tell."""
+        """Return True if the line is open, as far as is known."""
         return self._serial is not None
 
     def open(self) -> None:
-        """OSError where it cannot be opened."""
+        """Open the line; OSError if that fails."""
         import serial
 
         self._serial = serial.Serial(
@@ -55,20 +55,20 @@ class SerialPort:
         )  # SerialException is an OSError
 
     def close(self) -> None:
-        """Gives the line back."""
+        """Close the line."""
         line, self._serial = self._serial, None
         if line is not None:
             with suppress(OSError):
                 line.close()
 
     def write(self, data: bytes) -> None:
-        """Sends within WRITE_S, or not at all as far as the other end can tell: half a frame fails its CRC."""
+        """Send the bytes within WRITE_S. The other end discards an incomplete frame by its CRC."""
         if self._serial is None:
             raise OSError(f"{self.path} is not open")
         self._serial.write(data)
 
     def read(self) -> bytes:
-        """Return the bytes that came."""
+        """Return the bytes that arrived."""
         if self._serial is None:
             raise OSError(f"{self.path} is not open")
         try:
@@ -78,7 +78,7 @@ class SerialPort:
             raise
 
     def wait(self, seconds: float) -> None:
-        """Wait until something comes, at most for this time."""
+        """Wait until bytes arrive, at most for this time."""
         serial = self._serial
         if serial is None:
             time.sleep(seconds)
@@ -90,9 +90,11 @@ class SerialPort:
 
 
 def roused(file: Path) -> Callable[[], object]:
-    """Open the line that a vehicle file names, which resets its Uno. The line stays open until the returned function is
-    called, by one who has opened it too: the last to close drops DTR, and the next to open would reset the Uno again.
-    Nothing happens where file or line are not found; who needs them says so."""
+    """Open the line that a vehicle file names, which resets its Uno, and return the function that closes it.
+
+    The caller must have opened the line again before it calls that function: the last close drops DTR, and the next
+    opening would reset the Uno again. If file or line are not found, nothing happens; their user reports it.
+    """
     try:
         hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
         line = os.open(find_port(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -103,10 +105,10 @@ def roused(file: Path) -> Callable[[], object]:
 
 @contextmanager
 def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
-    """The Uno at a port, heard by a thread of its own, disarmed at the end. "auto": the only line there is.
+    """Yield the Uno at a port, read by a separate thread, and disarm it at the end. "auto" is the only line found.
 
-    RobotUnreachable without a line, or where nobody who speaks our protocol answers within BOOT_S; UsageError where
-    there are several lines.
+    RobotUnreachable without a line, or if no firmware of our protocol answers within BOOT_S; UsageError if there are
+    several lines.
 
     >>> from baqueano.robot.uno.frames import Driver
     >>> with connected() as uno:
@@ -136,7 +138,7 @@ def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
 
 
 def listen(line: SerialPort, uno: "Uno", done: threading.Event) -> None:
-    """Hears the line until `done`; opens it again whenever it is gone."""
+    """Read the line until `done`; open it again whenever it is gone."""
     while not done.is_set():
         if line.is_open:
             line.wait(LISTEN_S)
@@ -150,7 +152,7 @@ def listen(line: SerialPort, uno: "Uno", done: threading.Event) -> None:
 
 
 def introduce(uno: "Uno", path: str) -> Info:
-    """Waits for the firmware's name."""
+    """Return the firmware's INFO. RobotUnreachable if none comes within BOOT_S, or for another protocol."""
     end = time.monotonic() + BOOT_S
     while True:
         try:
@@ -167,7 +169,7 @@ def introduce(uno: "Uno", path: str) -> Info:
 
 
 def find_port(port: str) -> str:
-    """Return the path of the line; for "auto" that of the only one."""
+    """Return the path of the line; "auto" is the only one. RobotUnreachable without one, UsageError for several."""
     if port != "auto":
         return port
     ports = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))

@@ -1,9 +1,9 @@
-"""Settings of a vehicle in the EEPROM of an Uno, with names for people: read, changed, stored, read back.
+"""Read, change and store the settings of a vehicle in the EEPROM of an Uno, under readable names.
 
-    name          firmware                                 values
-    bridge        Settings.driver                          l298n, tb6612, l293d
-    left-motor …  one bit of Settings.wiring each          straight, reversed or swapped; high, low over the tape
-    dead-zone …   Settings.ways, by wheel and direction    shares of full duty: 0.11 is 110 ‰
+    name            firmware                            values
+    bridge          Settings.driver                     l298n, tb6612, l293d
+    left-motor …    one bit of Settings.wiring each     straight, reversed or swapped; high, low over the tape
+    dead-zone …     Settings.ways, by wheel and direction   shares of full duty: 0.11 is 110 ‰
 
 The ranges are those of frames.py, which the firmware checks as well.
 """
@@ -28,7 +28,7 @@ KINDS: dict[str, tuple[str, type[IntEnum]]] = {
     "bridge": ("driver", Driver),
     "encoders": ("encoders", Encoders),
 }
-PLUGS = {  # a plug that went in the other way round, and what both ways are called
+PLUGS = {  # the flag of a reversed plug, and the names of both states
     "left-motor": (Wiring.LEFT_MOTOR_REVERSED, ("straight", "reversed")),
     "right-motor": (Wiring.RIGHT_MOTOR_REVERSED, ("straight", "reversed")),
     "motors": (Wiring.MOTORS_SWAPPED, ("straight", "swapped")),
@@ -37,7 +37,7 @@ PLUGS = {  # a plug that went in the other way round, and what both ways are cal
     "encoder-plugs": (Wiring.ENCODERS_SWAPPED, ("straight", "swapped")),
     "mark": (Wiring.MARK_ACTIVE_LOW, ("high", "low")),
 }
-NUMBERS = {  # field, and units of the wire in one of ours
+NUMBERS = {  # field, and units of the wire in one unit of the option
     "battery-ratio": ("battery_permille", 1000),
     "kick-ms": ("kick_ms", 1),
     "dither": ("dither_permille", 1000),
@@ -45,7 +45,7 @@ NUMBERS = {  # field, and units of the wire in one of ours
 }
 OF_WAYS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick": "kick_permille"}
 WAYS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
-TELEMETRY_S = 0.5  # within which an Uno has spoken
+TELEMETRY_S = 0.5  # within which an Uno has sent telemetry
 LOOK_S = 0.1
 Wait = Callable[[float], object]
 
@@ -58,7 +58,7 @@ class StoredSettings:
 
     @property
     def verdict(self) -> str:
-        """DEFAULT: what the firmware begins with; else SET."""
+        """Return DEFAULT if the settings are the firmware's defaults, else SET."""
         return "DEFAULT" if self.settings == Settings() else "SET"
 
     def rows(self) -> list["TableRow"]:
@@ -78,11 +78,11 @@ class StoredSettings:
 
     @classmethod
     def of(cls, rows: list["TableRow"]) -> "StoredSettings":
-        """The inverse of `rows`, from JSON."""
+        """Return the settings from `rows`, its inverse, from JSON."""
         return cls(changed(Settings(), _as_text(rows)))
 
     def table(self) -> str:
-        """For people, by the names of the options."""
+        """Return a table with the names of the options."""
         whole, *ways = self.rows()
         unit_texts = {
             "battery-ratio": _("V for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, to and fro"),
@@ -102,7 +102,7 @@ class StoredSettings:
 
 
 def _as_text(rows: list["TableRow"]) -> dict[str, list[str]]:
-    """Return the values to type behind each name, from the `rows` of a StoredSettings."""
+    """Return the text to type for each name, from the `rows` of a StoredSettings."""
     whole, *ways = rows
     texts = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
     for name in OF_WAYS:
@@ -111,7 +111,7 @@ def _as_text(rows: list["TableRow"]) -> dict[str, list[str]]:
 
 
 def as_typed(settings: Settings) -> str:
-    """Return the line after which an Uno keeps `settings`, for any settings before.
+    """Return the command line that stores `settings` in an Uno, independent of its former settings.
 
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
@@ -122,7 +122,7 @@ def as_typed(settings: Settings) -> str:
 
 
 def changed(settings: Settings, changes: Mapping[str, Sequence[str]]) -> Settings:
-    """`settings` with what was typed behind each name; UsageError for a word or number that none of them takes.
+    """Return `settings` with the typed changes of each name. UsageError for a word or number that it does not accept.
 
     >>> changed(Settings(), {"bridge": ["tb6612"], "dead-zone": ["all=0.1", "left-forwards=0.12"]}).ways[0]
     Way(dead_zone_permille=120, slope_permille=1000, kick_permille=0)
@@ -163,7 +163,7 @@ def _word(name: str, text: str, words: list[str]) -> str:
 
 
 def _number(name: str, text: str, size: str, layout: type, field: str, unit: int) -> int:
-    """In units of the wire, within the range that the firmware takes."""
+    """Return a number in units of the wire. UsageError if it is outside the range of the firmware."""
     (least, most), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
     try:
         value = float(size)
@@ -177,8 +177,7 @@ def _number(name: str, text: str, size: str, layout: type, field: str, unit: int
 
 
 def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
-    """Write the changed settings to the Uno, and return them as read back from it. AnswerNo while a motor
-    runs."""
+    """Write the changed settings to the Uno, and return them as read back from it. AnswerNo while a motor runs."""
     before = uno.settings(wait)
     settings = change(before)
     if settings != before:
@@ -199,7 +198,7 @@ def _at_rest(uno: "Uno", wait: Wait) -> None:
 
 
 def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait = time.sleep) -> None:
-    """Says what battery, encoders and mark tell, each time that one of them counts."""
+    """Report battery, encoders and marks through `say`, each time that a count changes."""
     before = None
     for _look in range(round(seconds / LOOK_S)):
         wait(LOOK_S)

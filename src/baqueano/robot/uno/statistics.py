@@ -1,4 +1,4 @@
-"""Count what the line of the Uno did to what was sent, at both of its ends."""
+"""Count the lost and damaged frames on the line of the Uno, at both of its ends."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -10,11 +10,11 @@ class Statistics:
 
     written: int = 0  # frames of any kind that the line took
     sent: int = 0  # commands
-    unsent: int = 0  # commands that the line did not take, or that nobody had armed
+    unsent: int = 0  # commands that the line did not take, or that came without arming
     received: int = 0  # frames
     lost: int = 0  # frames that did not come in their turn, by their sequence
     late: int = 0  # frames that came twice, or after a newer one
-    damaged: int = 0  # pieces that are not frames
+    damaged: int = 0  # segments that are not frames
     resets: int = 0
     spoilt: int = 0  # frames that the Uno counted as damaged
     ignored: int = 0  # frames that came whole and were not obeyed: old, of another session, refused
@@ -22,5 +22,5 @@ class Statistics:
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
 
     def since(self, before: "Statistics", *names: str) -> list[int]:
-        """By how much those counts grew."""
+        """Return the increase of these counts since `before`."""
         return [getattr(self, name) - getattr(before, name) for name in names]

@@ -1,1 +1,1 @@
-"""Work at a vehicle that stands: is it well, how is it wired, how does its IMU sit."""
+"""Check and calibrate a vehicle at rest: its health, its wiring, the axes of its IMU."""

@@ -1,17 +1,16 @@
-"""Axes of the IMU on the vehicle, and its biases at rest: by gravity, by a lift of the front, and by half a turn.
+"""Find the axes of the IMU on the vehicle, and its biases: from gravity, a lift of the front, and half a turn.
 
-    level     the mean force f̄₁ at rest: of the chip's axes the one nearest to it points up                (1)
+    level     the mean force f̄₁ at rest: the chip's axis nearest to it points up                            (1)
     lifted    the front is lifted and held: specific force grows along the axis that points ahead,
               f_ahead ≈ g sin(lift); left = up × ahead                                                      (2)
     turned    half a turn to the left by hand, put down: θ = ∫ (ω − ω̄₁) dt must be positive                (3)
-    biases    of the two places, (a_x, a_y): f̄₁ = b + s, f̄₂ = b + R(−θ) s  ⇒  s, b                          (4)
+    biases    from both positions, (a_x, a_y): f̄₁ = b + s, f̄₂ = b + R(−θ) s  ⇒  s, b                       (4)
 
 s is the slope of the floor, which turns with the vehicle's heading while the bias does not: the floor need not be
-level. The gyro's bias is the mean of both rests. What is left in b beside
-the accelerometer's own zero is the tilt of the IMU on the vehicle (sensors/imu.py: a fit knows their sum alone), so
-[sensors.imu] tilt_rad stays as it is and the biases make up the sum.
-
-The axes are found to a right angle; what is left of a turn about z is [sensors.imu] heading_rad, which a fit finds.
+level. The gyro's bias is the mean of both rests. b contains the zero error of the accelerometer and the tilt of the
+IMU; a fit identifies only their sum (sensors/imu.py). [sensors.imu] tilt_rad therefore stays unchanged, and the biases
+make up the sum. The axes are found in steps of a right angle. A fit finds the remaining turn about z, [sensors.imu]
+heading_rad.
 """
 
 import time
@@ -46,7 +45,7 @@ Say = Callable[[str], object]
 
 @dataclass
 class ImuReader:
-    """The IMU in its own axes, and how time passes."""
+    """The IMU in its chip's axes, with a function to wait and a clock."""
 
     imu: Any
     wait: Callable[[float], object] = time.sleep
@@ -58,7 +57,7 @@ class ImuReader:
         self._last_ns = 0
 
     def samples(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-        """Forces (n, 3) and rates (n, 3) of so many seconds. AnswerNo if none come."""
+        """Return forces (n, 3) and rates (n, 3) of this duration. AnswerNo without a sample."""
         end, read = self.now_ns() + round(seconds * 1e9), []
         while self.now_ns() < end:
             self.wait(0.01)
@@ -74,7 +73,7 @@ class ImuReader:
         return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
     def still(self, seconds: float, what: str) -> tuple[np.ndarray, np.ndarray]:
-        """Means (3,), (3,) over so many seconds in which nothing moved; waits for them. AnswerNo after a minute."""
+        """Wait for rest, and return the means (3,), (3,) over this duration of rest. AnswerNo after a minute."""
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
             if not _steady(*self.samples(STEADY_S)):
@@ -85,7 +84,7 @@ class ImuReader:
         raise AnswerNo(fault("calibrate.not-still", what=what, within_s=PATIENCE_S))
 
     def changed(self, what: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
-        """The mean force (3,) once it is still, and is what was meant. AnswerNo after a minute."""
+        """Return the mean force (3,) once the IMU is at rest and `accepts` the force. AnswerNo after a minute."""
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
             accel, gyro = self.samples(STEADY_S)
@@ -103,9 +102,9 @@ def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
 
 @dataclass(frozen=True)
 class MountedImu:
-    """The result. Biases (a_x, a_y) [m/s²] and ω [rad/s] as means of the sensor at rest; `slope` of the floor."""
+    """The result. Biases (a_x, a_y) [m/s²] and ω [rad/s] are means of the sensor at rest; the slope is the floor's."""
 
-    axes: tuple[str, str, str]  # the chip's that point ahead, left, up
+    axes: tuple[str, str, str]  # the chip's axes that point ahead, left, up
     accel: np.ndarray
     gyro: float
     slope_rad: float
@@ -121,7 +120,7 @@ class MountedImu:
 
     @classmethod
     def of(cls, row: "TableRow") -> "MountedImu":
-        """The inverse of `rows`, from JSON."""
+        """Return the result from a row of `rows`, its inverse, from JSON."""
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
     def table(self) -> str:
@@ -153,7 +152,7 @@ class MountedImu:
 
 
 def calibrate(watched: ImuReader, say: Say) -> MountedImu:
-    """Asks a person for three things and finds the rest; the IMU gives its chip's own axes."""
+    """Guide the operator through the three positions and return axes and biases. The IMU must use its chip's axes."""
     say(
         _(
             "put the vehicle on the floor, wheels down, and do not touch it for {steady_s:g} s",
@@ -183,7 +182,7 @@ def calibrate(watched: ImuReader, say: Say) -> MountedImu:
 
 
 def _is_turned(reader: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
-    """(3) AnswerNo where it went to the right."""
+    """Return True if the vehicle was turned to the left. AnswerNo if it was turned to the right.  (3)"""
     turn = float(up @ (reader.turned - before))
     if turn < -LEAST_TURN_RAD:
         raise AnswerNo(fault("calibrate.turned-right", turned_deg=-np.degrees(turn)))
@@ -191,7 +190,7 @@ def _is_turned(reader: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
 
 
 def upward(force: np.ndarray) -> np.ndarray:
-    """The chip's axis (3,), with its sign, that points up.  (1) AnswerNo where none is near."""
+    """Return the chip's axis (3,), with its sign, that points up. AnswerNo if none is near.  (1)"""
     place = int(np.argmax(np.abs(force)))
     if abs(force[place]) < UPRIGHT * np.linalg.norm(force):
         x, y, z = force
@@ -202,8 +201,10 @@ def upward(force: np.ndarray) -> np.ndarray:
 
 
 def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
-    """The chip's axes (3, 3), rows ahead, left, up, and the lift [rad], by what the force gained.  (2) AnswerNo where
-    it was lifted over a corner."""
+    """Return the chip's axes (3, 3), rows ahead, left, up, and the lift [rad], by the change of force.  (2)
+
+    AnswerNo if the vehicle was lifted over a corner.
+    """
     gains = _across(change, up)
     first, second = np.argsort(-np.abs(gains))[:2]
     if abs(gains[second]) > CLEAR * abs(gains[first]):
@@ -223,18 +224,18 @@ def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def biases(first: np.ndarray, second: np.ndarray, turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
-    """b (2,) and s (2,) of (4)."""
+    """Return b (2,) and s (2,) of (4)."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     slope = np.linalg.solve(np.array([[c, s], [-s, c]]) - np.eye(2), second - first)
     return first - slope, slope
 
 
 def names(axes: np.ndarray) -> tuple[str, str, str]:
-    """The rows of `axes` as [robot] imu_axes has them."""
+    """Return the rows of `axes` as names for [robot] imu_axes."""
     ahead, left, up = (("-" if row.sum() < 0 else "") + LETTERS[int(np.argmax(np.abs(row)))] for row in axes)
     return ahead, left, up
 
 
 def _across(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Its part (3,) along the two other axes."""
+    """Return the components (3,) of `vector` along the two other axes."""
     return vector * (1.0 - np.abs(up))

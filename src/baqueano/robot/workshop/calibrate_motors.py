@@ -1,16 +1,16 @@
-"""Place, direction and least duty of each motor, by gyro and accelerometer, without encoders.
+"""Find place, direction and least duty of each motor, by gyro and accelerometer, without encoders.
 
-    ramp      one motor alone, until the vehicle turns: the sign of ω shows its side or its plug            (1)
+    ramp      only one motor, until the vehicle turns: the sign of ω shows its side or its plug             (1)
     push      both, so that the turns cancel: ∫ a dt shows ahead or back, and so side or plug               (2)
     sweep     the other motor keeps it turning; this one steps down from far above its ramp:
-              d = d₀ + a Δω + b Δω²,   Δω what it adds to the turn                                          (3)
+              d = d₀ + a Δω + b Δω²,   with Δω its share of the turn                                        (3)
     store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
     straight  both at r = 0.5: the turn that remains is ω = c r ε; half of ε to each slope, once            (5)
     held      the same with the heading held by the gyro (controllers/heading_hold.py): ω = 2 c u_ψ         (6)
 
 A left motor backwards and a right one forwards look alike in (1). In (3) the other motor overcomes caster and bearings,
-so d₀ is that of this motor and its gears. (4) makes a request r do the same to both wheels, ahead and back. Each duty
-is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s, mechanical), before ω is taken.
+so d₀ is that of this motor and its gears. With (4) a request r has the same effect on both wheels, ahead and back. Each
+duty is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s, mechanical), before ω is measured.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from baqueano.robot.workshop.floor_tests import FloorTests, ImuSamples
     from baqueano.worlds.robot import Sample
 
-TURNS_RAD_S = 0.7  # more than a vibration: ten times what an engine of such a vehicle shakes, 0.07
+TURNS_RAD_S = 0.7  # ten times the vibration of such a vehicle, 0.07
 RAMP_PER_S = 0.25
 ABOVE = 0.25  # duty above the ramp's, at which a motor surely runs
 LEVELS = 7
@@ -52,18 +52,21 @@ Say = Callable[[str], object]
 
 
 class Sweep(NamedTuple):
-    """A wheel in one direction."""
+    """The result of a sweep: a wheel in one direction."""
 
     started: float  # duty at which the vehicle began to move, alone and from rest
     dead_zone: float
-    gain: float  # what it adds to the turn for each duty beyond [rad/s]
+    gain: float  # turn per duty beyond the dead zone [rad/s]
     rms: float  # of the fit (3), in duty
 
 
 @dataclass(frozen=True)
 class Motors:
-    """The stored result. `left_over` (2,): the difference of the wheels, forwards and backwards; `held_deg` (2,):
-    the heading that is off at the end of (6)."""
+    """The stored result.
+
+    `left_over` (2,): the remaining difference of the wheels, forwards and backwards; `held_deg` (2,): the heading error
+    at the end of (6).
+    """
 
     settings: Settings
     sweeps: tuple[Sweep, ...]
@@ -74,7 +77,7 @@ class Motors:
 
     @property
     def verdict(self) -> str:
-        """STRAIGHT or CROOKED."""
+        """Return STRAIGHT or CROOKED."""
         return "STRAIGHT" if max(map(abs, self.left_over)) <= STRAIGHT else "CROOKED"
 
     def rows(self) -> list["TableRow"]:
@@ -88,7 +91,7 @@ class Motors:
 
     @classmethod
     def of(cls, rows: list["TableRow"]) -> "Motors":
-        """The inverse of `rows`, from JSON, as far as `table` tells it."""
+        """Return the result from `rows`, its inverse, from JSON, with the values that `table` uses."""
         whole, *wheels = rows
         ways = tuple(Way(*(row[name] for name in Way._fields)) for row in wheels)
         sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
@@ -141,17 +144,16 @@ class Motors:
 
 
 def wiring_text(wiring: int) -> str:
-    """The plugs in words."""
+    """Return the wiring as text."""
     names = [flag.name.lower().replace("_", " ") for flag in Wiring if wiring & flag and flag.name]
     return _("wiring: {names}", names=", ".join(map(_, names)) or _("as in the guide"))
 
 
 def calibrate(floor: "FloorTests", say: Say = lambda text: None) -> Motors:
-    """Finds and stores the settings of both motors; what is not about motors is kept. The vehicle turns on its spot and
-    drives half a metre to and fro.
+    """Find and store the settings of both motors; the other settings are kept. The vehicle turns and drives 0.5 m.
 
-    AnswerNo where it does not move, or moves in a way that fits no wiring; then, and after any other error, the
-    settings of before are stored again, also in an Uno that is stopped; `say` tells whether it took them.
+    AnswerNo if it does not move, or moves in a way that fits no wiring. Then, and after any other error, the former
+    settings are stored again, also in an Uno that is stopped; `say` reports if it accepted them.
     """
     before = floor.uno.settings(floor.wait)
     motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
@@ -174,8 +176,10 @@ def calibrate(floor: "FloorTests", say: Say = lambda text: None) -> Motors:
 
 
 def _give_back(floor: "FloorTests", before: Settings, say: Say) -> None:
-    """Stores what was stored before. An Uno that is still armed, for a command was lost, refuses it: each try disarms
-    it anew. Ctrl-C meanwhile ends the tries."""
+    """Store the former settings again. Ctrl-C ends the attempts.
+
+    An Uno that is still armed, because a command was lost, refuses them: each attempt disarms it anew.
+    """
     try:
         for remaining in reversed(range(TRIES)):
             floor.uno.disarm()
@@ -203,7 +207,7 @@ def _wheel_duties(wheel: int, duty: float, other_duty: float = 0.0) -> tuple[flo
 
 
 def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
-    """Duty at which the vehicle turns, and the turn's sign.  (1)"""
+    """Return the duty at which the vehicle turns, and the sign of the turn.  (1)"""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     levels: list[float] = []
 
@@ -228,13 +232,13 @@ def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, flo
 
 
 def _wiring(floor: "FloorTests", say: Say) -> Wiring:
-    """Plugs that went in the other way round.  (1), (2)"""
+    """Return the flags of the motors' plugs that are connected the other way round.  (1), (2)"""
     say(_("which motor is which: it will turn to both sides, then push to and fro"))
     (left, turn_l), (right, turn_r) = _ramp(floor, 0, 1.0), _ramp(floor, 1, 1.0)
     signs = (
         -turn_l,
         turn_r,
-    )  # of commands with which both wheels run one way, if they are where they should be
+    )  # of commands that run both wheels in one direction, if the motors are not swapped
     duties = [min(1.0, duty + ABOVE) * sign for duty, sign in zip((left, right), signs, strict=True)]
     push_m_s = _push(floor, duties) - _push(floor, [-d for d in duties])
     if abs(push_m_s) < PUSHED_M_S:
@@ -259,7 +263,7 @@ def _wiring(floor: "FloorTests", say: Say) -> Wiring:
 
 
 def _push(floor: "FloorTests", duties: list[float]) -> float:
-    """∫ a dt along the axis ahead [m/s].  (2)"""
+    """Return ∫ a dt along the axis ahead [m/s].  (2)"""
     bias = floor.rest(0.3).accel[:, 0].mean()
     samples = floor.hold(duties[0], duties[1], PUSH_S)
     floor.hold(0.0, 0.0, PAUSE_S)
@@ -267,7 +271,7 @@ def _push(floor: "FloorTests", duties: list[float]) -> float:
 
 
 def _sweeps(floor: "FloorTests", say: Say) -> tuple[Sweep, ...]:
-    """All four ways.  (3)"""
+    """Return the sweeps of both wheels in both directions.  (3)"""
     start_duties = [_ramp(floor, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
     sweeps = []
     for place, name in enumerate(NAMES):
@@ -294,7 +298,10 @@ def _sweep(
 
 
 def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
-    """(3) through the levels that added a fifth of the most, (n,) duties and (n,) Δω. AnswerNo where none exists."""
+    """Return the fit (3) through the levels, (n,) duties and (n,) Δω, of at least a fifth of the largest Δω.
+
+    AnswerNo if fewer than four levels remain, or if the dead zone is above 0.7.
+    """
     runs = added > max(0.2 * added.max(), 0.1)
     if runs.sum() < 4:
         raise AnswerNo(
@@ -318,7 +325,7 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
 
 
 def ways(sweeps: tuple[Sweep, ...]) -> tuple[Way, ...]:
-    """(4)"""
+    """Return the settings of each wheel and direction.  (4)"""
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
     return tuple(Way(round(1000 * s.dead_zone), _slope(1000.0 * reach / s.gain)) for s in sweeps)
 
@@ -328,7 +335,7 @@ def _slope(permille: float) -> int:
 
 
 def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
-    """Drives straight, trims, and drives straight again.  (5)"""
+    """Drive straight, trim, and drive straight again.  (5)"""
     say(_("straight on: half a metre to and fro, three times"))
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
     floor.store(settings)
@@ -350,7 +357,7 @@ def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...]
 
 
 def _differ(floor: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
-    """ε of (5), + where the right wheel does more, and the turn [rad/s]."""
+    """Return ε of (5), positive if the right wheel does more, and the turn [rad/s]."""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     request = sign * STRAIGHT_REQUEST
     samples: ImuSamples = floor.hold(request, request, STRAIGHT_S)
@@ -360,7 +367,7 @@ def _differ(floor: "FloorTests", sign: float, reach: float) -> tuple[float, floa
 
 
 def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
-    """The heading [rad] that is off after a straight drive in which it was held.  (6)"""
+    """Return the heading error [rad] after a straight drive with the heading held.  (6)"""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
     hold = HeadingHold(straight, placed(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)

@@ -1,9 +1,9 @@
-"""The checks of a vehicle: figure, verdict, and what to do.
+"""Represent the checks of a vehicle: figure, verdict, and remedy.
 
 ok        as it should be
-warn      it drives, and worse than it could
+warn      it drives, but worse than it could
 bad       it does not drive, or not safely
-unknown   cannot be seen on this machine; the figure says why
+unknown   cannot be checked on this machine; the figure states why
 """
 
 from dataclasses import dataclass, field
@@ -33,16 +33,16 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """The worst of them; what cannot be seen is not held against it."""
+        """Return the most severe verdict; "unknown" counts as "ok"."""
         verdicts = {check.verdict for check in self.checks}
         return "bad" if "bad" in verdicts else "warn" if "warn" in verdicts else "ok"
 
     def rows(self) -> list["TableRow"]:
-        """A row for each."""
+        """Return a row for each check."""
         return [check._asdict() for check in self.checks]
 
     def table(self) -> str:
-        """A line for each, and what to do below it."""
+        """Return a line for each check, with its remedy below it."""
         wide = max(len(_(check.name)) for check in self.checks)
         grade = max(7, *(len(_(check.verdict)) for check in self.checks))
         lines = []

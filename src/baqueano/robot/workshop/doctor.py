@@ -1,4 +1,4 @@
-"""The state of a vehicle: each check with its figure, a verdict, and what to do (checks.py).
+"""Examine the state of a vehicle: each check with its figure, a verdict, and a remedy (checks.py).
 
 Files are read below `root`, so that the files of another machine can be judged as well.
 """
@@ -47,7 +47,7 @@ Say = Callable[[str], object]
 def examine(
     hardware: "Hardware", root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
 ) -> Report:
-    """Run all checks, hardware first; each is independent, none raises."""
+    """Run all checks, hardware first. Each is independent, and none raises an error."""
     report = Report()
     for part in (
         lambda: uno(hardware.port, hardware.least_battery_v),
@@ -69,7 +69,7 @@ def examine(
 
 
 def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
-    """Opens it, listens for two seconds."""
+    """Open the IMU and check it for two seconds."""
     from baqueano.robot.imu import driver as imu_driver
 
     bus = f"dev/i2c-{hardware.imu_bus:.0f}"
@@ -90,7 +90,7 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
 
 
 def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
-    """Chip, bus, rate and noise of an IMU that runs."""
+    """Check chip, bus, rate and noise of a running IMU."""
     identity, samples = chip.identity, []
     for _look in range(round(seconds / 0.02)):
         wait(0.02)
@@ -152,7 +152,7 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
 
 
 def tested(chip: Any, wait: Callable[[float], object]) -> Check:
-    """The chip's self-test: a force of its own pushes each axis."""
+    """Return the check of the chip's self-test: the chip deflects each axis."""
     from baqueano.robot.imu.self_test import self_test
 
     try:
@@ -185,7 +185,7 @@ def tested(chip: Any, wait: Callable[[float], object]) -> Check:
 
 
 def noise(samples: "list[Sample]") -> Iterator[Check]:
-    """Check for motion where nothing should move."""
+    """Check the scatter of the IMU at rest, and the size of gravity."""
     import numpy as np
 
     from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
@@ -217,7 +217,7 @@ def noise(samples: "list[Sample]") -> Iterator[Check]:
 
 
 def groups(root: Path) -> Iterator[Check]:
-    """Check the permissions of devices."""
+    """Check if this user may open the devices, by the user's groups."""
     names: dict[int, str] = {}
     with suppress(OSError):
         for line in (root / "etc/group").read_text(encoding="utf-8").splitlines():
@@ -255,7 +255,7 @@ def power(root: Path) -> Iterator[Check]:
 
 
 def temperature(root: Path) -> Iterator[Check]:
-    """Of the computer."""
+    """Check the temperature of the computer."""
     try:
         celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text(encoding="utf-8")) / 1000.0
     except (OSError, ValueError):
@@ -270,7 +270,7 @@ def temperature(root: Path) -> Iterator[Check]:
 
 
 def governor(root: Path) -> Iterator[Check]:
-    """Check the governor of the processor's clock: one that steps makes ticks late."""
+    """Check the governor of the processor's clock: a clock that changes makes ticks late."""
     try:
         mode = (
             (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
@@ -292,7 +292,7 @@ def governor(root: Path) -> Iterator[Check]:
 
 
 def disk(runs: Path, least_mb: float) -> Iterator[Check]:
-    """Room for runs: 100 Hz fill about 4 MB a minute."""
+    """Check the free space for runs: 100 Hz fill about 4 MB a minute."""
     place = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
     free_mb = shutil.disk_usage(place).free / 1e6
     yield Check(
@@ -324,7 +324,7 @@ def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
 
 
 def realtime() -> Iterator[Check]:
-    """Check if this user may have the priority that a control loop wants."""
+    """Check if this user may have the priority that a control loop needs."""
     from baqueano.robot.service.realtime import PRIORITY
 
     if not LINUX:
@@ -349,7 +349,7 @@ def realtime() -> Iterator[Check]:
 
 
 def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
-    """Check how late a loop of 100 Hz wakes, with real-time priority if this user may have it."""
+    """Check the delay with which a loop of 100 Hz wakes, with real-time priority if this user may have it."""
     import numpy as np
 
     from baqueano.robot.service.realtime import PRIORITY
@@ -386,7 +386,7 @@ def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
 
 
 def lateness(seconds: float) -> list[float]:
-    """Wake-up errors [µs] of absolute deadlines, a hundred a second."""
+    """Return the wake-up errors [µs] of absolute deadlines, a hundred a second."""
     period = round(1e9 / JITTER_HZ)
     start, late = time.monotonic_ns(), []
     for tick in range(1, round(seconds * JITTER_HZ) + 1):

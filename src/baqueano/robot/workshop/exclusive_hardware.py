@@ -1,4 +1,4 @@
-"""Verbs that need the hardware for themselves: here, while the service lets go of it, or over ssh, there."""
+"""Give a command the hardware for itself: on this machine, while the service is stopped, or over ssh on another."""
 
 import json
 import shlex
@@ -29,8 +29,7 @@ Say = Callable[[str], object]
 
 @contextmanager
 def service_off(say: Say) -> Iterator[None]:
-    """The service is stopped meanwhile, where there is one that runs. AnswerNo while it drives, UsageError where it may
-    not be stopped."""
+    """Stop the service meanwhile, if it runs. AnswerNo while it drives, UsageError if it may not be stopped."""
     if not shutil.which("systemctl") or _quiet(["systemctl", "--quiet", "is-active", SERVICE]).returncode:
         yield
         return
@@ -61,8 +60,10 @@ def service_off(say: Say) -> Iterator[None]:
 def opened(
     hardware: "Hardware", say: Say, in_chip_axes: bool = False, motors: bool = True
 ) -> Iterator[FloorTests]:
-    """Open Uno and IMU of [robot], until their user is gone: then KeyboardInterrupt. Without `motors` the Uno
-    may be missing."""
+    """Open Uno and IMU of [robot] until the operator disconnects: then KeyboardInterrupt.
+
+    Without `motors` the Uno may be missing.
+    """
     from baqueano.robot.imu import driver as imu_driver
 
     with ExitStack() as things:
@@ -75,7 +76,7 @@ def opened(
 
 
 def _not_driving() -> None:
-    """A service that does not answer drives nothing, or its watchdog ends it."""
+    """Raise AnswerNo if the service drives. If it does not answer, it does not drive, or its watchdog ends it."""
     from baqueano.door.remote import reached
 
     with suppress(RobotUnreachable), reached("here") as remote:
@@ -85,9 +86,10 @@ def _not_driving() -> None:
 
 
 def there(host: str, *verb: str) -> list["TableRow"]:
-    """The rows that `baqueano VERB --json` answers at HOST; what it says to people is shown as it comes.
+    """Return the rows that `baqueano VERB --json` answers at HOST; its messages to the operator are shown at once.
 
-    Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
+    Raises the error that was raised there, KeyboardInterrupt if it was interrupted, RobotUnreachable without a
+    connection.
     """
     answer, code = answer_of(ssh(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"])))
     try:
@@ -108,7 +110,7 @@ def there(host: str, *verb: str) -> list["TableRow"]:
 
 
 def _language_setting() -> list[str]:
-    """Return what makes the vehicle answer in the current language."""
+    """Return the command words that make the vehicle answer in the current language."""
     return [] if current() == "en" else ["env", f"{VARIABLE}={current()}"]
 
 

@@ -1,4 +1,4 @@
-"""The vehicle on the floor, driven by hand-made duties: what a calibration does with its motors and its IMU."""
+"""Drive the vehicle on the floor by given duties, and record its IMU, for a calibration."""
 
 import time
 from collections.abc import Callable
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 STEP_S = 0.01
 SILENT_S = 0.2  # of the IMU or the Uno, after which nothing is driven; no duty is held as short as that
-TILT_COS = 0.9  # of the angle between gravity and the axis that is said to point up: 26°
+TILT_COS = 0.9  # of the angle between gravity and the axis that should point up: 26°
 STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip behind 44 Hz
 
 
@@ -35,7 +35,7 @@ class ImuSamples(NamedTuple):
 
     @property
     def still(self) -> bool:
-        """Return True if the samples show noise alone."""
+        """Return True if the samples contain only noise."""
         return bool(
             np.all(self.gyro.std(axis=0) < STILL_RAD_S) and np.all(self.accel.std(axis=0) < STILL_M_S2)
         )
@@ -43,7 +43,7 @@ class ImuSamples(NamedTuple):
 
 @dataclass
 class FloorTests:
-    """Uno and IMU, axes ahead, left, up, and how time passes."""
+    """Uno and IMU, axes ahead, left, up, with a function to wait and a clock."""
 
     uno: Any
     imu: Any
@@ -51,14 +51,14 @@ class FloorTests:
     now_ns: Callable[[], int] = time.monotonic_ns
 
     def hold(self, left: float, right: float, seconds: float) -> ImuSamples:
-        """Send duties for this time, computed anew every 10 ms. SafetyStop where the link or the IMU fails."""
+        """Send these duties every 10 ms for this time. SafetyStop if the link or the IMU fails."""
         return self.follow(lambda t_s: (left, right), seconds)
 
     def follow(
         self, duties: Callable[[float], tuple[float, float]], seconds: float,
         until: Callable[["Sample"], bool] = lambda sample: False,
     ) -> ImuSamples:  # fmt: skip
-        """Send duties by the time [s] for this time, or until a sample meets the condition."""
+        """Send duties as a function of time [s] for this time, or until a sample meets the condition."""
         start = imu_ns = uno_ns = self.now_ns()
         samples, finished = [], False
         self.imu.read()
@@ -89,14 +89,14 @@ class FloorTests:
         raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
 
     def upright(self) -> None:
-        """AnswerNo where the axis that is said to point up does not."""
+        """Raise AnswerNo if the axis that should point up does not."""
         accel = self.rest(0.3).accel.mean(axis=0)
         if accel[2] < TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
             raise AnswerNo(fault("floor.gravity", "baqueano robot calibrate imu", x=x, y=y, z=z))
 
     def store(self, settings: "Settings") -> None:
-        """Disarms, and writes what the firmware keeps."""
+        """Disarm, write the settings that the firmware stores, and arm again."""
         self.uno.disarm()
         self.wait(0.05)
         self.uno.keep(settings, self.wait)

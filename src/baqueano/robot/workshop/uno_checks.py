@@ -1,7 +1,7 @@
-"""Checks of `baqueano robot doctor` on the Uno: the firmware on its line, and the losses, both ways.
+"""Check the Uno for `baqueano robot doctor`: the firmware on its line, and the losses in both directions.
 
-A frame that did not come whole is missed at the end that it was meant for alone. What the Uno misses it counts itself
-and tells in its telemetry; so that there is something to count, it is sent as many commands as in a drive, to be off.
+Only the receiver of a frame can count it as damaged or lost. The Uno counts the frames that it misses and reports them
+in its telemetry. To have enough frames to count, the checks send as many commands as in a drive, all with motors off.
 """
 
 import time
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from baqueano.robot.uno.statistics import Statistics
 
 COMMAND_EVERY_S = 0.01
-FIRST_S = 0.1  # until telemetry gives the next number of a command
+FIRST_S = 0.1  # until telemetry shows the sequence of the last command
 LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
 RAM, LEAST_RAM = 2048, 128  # bytes
 QUIETER = N_("Keep the USB cable away from the motors' wires, and 100 nF across each motor")
 
 
 def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
-    """The line, who answers on it, how fast, and what was lost in two seconds."""
+    """Check the line, the firmware on it, its delay, and its losses in two seconds."""
     from baqueano.robot.uno.frames import AskInfo, Info
     from baqueano.robot.uno.serial_port import connected, find_port
 
@@ -54,7 +54,7 @@ def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> N
 def answers(
     link: "Uno", least_battery_v: float, before: "Statistics", wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
-    """Check a link that has listened for a while, since its statistics were `before`."""
+    """Check a link that has received for a while, since its statistics were `before`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
 
     info, telemetry = link.info, link.receive()
@@ -123,7 +123,7 @@ def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
 
 
 def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
-    """Check the Uno's counts of the frames that were sent to it; `info` is its answer to a request for its identity."""
+    """Return the check of the Uno's counts of the frames sent to it; `info` is the INFO that it answered."""
     frames, spoilt, ignored_frames, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     share = spoilt / max(1, frames)
     return Check(
@@ -146,7 +146,7 @@ def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
 
 
 def start(info: "Info") -> Check:
-    """Why the Uno started last. The supply also sags while it comes up."""
+    """Return the check of the last start's cause. The supply also sags at power-up."""
     from baqueano.robot.uno.frames import ResetCause, causes
 
     cause = info.reset_cause
@@ -166,7 +166,7 @@ def start(info: "Info") -> Check:
 
 
 def memory(info: "Info") -> Check:
-    """Check the RAM that the Uno's stack never reached; beyond it, variables are overwritten."""
+    """Return the check of the RAM that the Uno's stack never used; a larger stack would overwrite variables."""
     free = info.least_free_ram
     return Check(
         N_("Uno's memory"),
@@ -177,12 +177,12 @@ def memory(info: "Info") -> Check:
 
 
 def of_share(lost: float) -> str:
-    """The verdict on a share of frames that was lost."""
+    """Return the verdict on a share of lost frames."""
     return "ok" if lost < LOSS_WARN else "warn" if lost < LOSS_BAD else "bad"
 
 
 def battery(volts: float, least_v: float) -> Check:
-    """Of the motors, behind its divider."""
+    """Return the check of the motors' battery, measured behind its divider."""
     if least_v <= 0.0:
         return Check(
             N_("battery"),

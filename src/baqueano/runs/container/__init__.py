@@ -1,7 +1,7 @@
-"""The MCAP file of a run: what is written while the vehicle drives, and read back even where it was cut or damaged.
+"""The MCAP file of a run: written while the vehicle drives, and readable even if it was cut or damaged.
 
 run_file, messages, packing    topics of a run and the bytes of their messages
-writer                         signals → file, in a thread of its own
+writer                         signals → file, in a separate thread
 records, reader                file → run, every checksum verified
-memory_limit                   how much a file of somebody else may unpack to
+memory_limit                   the memory that an external file may unpack to
 """

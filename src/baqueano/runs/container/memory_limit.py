@@ -1,18 +1,18 @@
-"""The memory that a file from elsewhere may take: 20 times its size, at least 64 MiB, at most 1 GiB.
+"""The memory that an external file may take: 20 times its size, at least 64 MiB, at most 1 GiB.
 
-A run at rest unpacks to about ten times its file; a file made to fill the memory unpacks to a thousand times.
+A run at rest unpacks to about ten times its file; a file made to fill the memory unpacks to a thousand times its size.
 """
 
 FLOOR, TIMES, MOST = 64 * 2**20, 20, 2**30
 
 
 def allowed(size: int) -> int:
-    """Return how many bytes of memory a file of `size` bytes may take."""
+    """Return the number of bytes of memory that a file of `size` bytes may take."""
     return min(max(FLOOR, TIMES * size), MOST)
 
 
 def text_of_size(size: int) -> str:
-    """Return a number of bytes for a message: 135 kB, 2.1 GB."""
+    """Return a number of bytes as text for a message: 135 kB, 2.1 GB."""
     for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= scale:
             return f"{size / scale:.3g} {unit}"

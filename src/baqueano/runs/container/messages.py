@@ -1,13 +1,11 @@
-"""The messages of a run: ROS 2 messages in CDR, little-endian (XCDR1), packed with `struct` alone.
+"""The messages of a run: ROS 2 messages in CDR, little-endian (XCDR1), packed with `struct` only.
 
-A message is `00 01 00 00`, then the fields, each aligned to its own size counted from after those four bytes.
-Every channel has one frame name and one size, so its messages all have the same layout: one format string
-packs them, and one NumPy record type unpacks all of them at once. Doubles are exact. Times are kept exactly
-as well, as the MCAP times of the message: `log_time` is the arrival at the loop, `publish_time` the instant
-of measurement.
+A message is `00 01 00 00`, then the fields. Each field is aligned to its size, counted from after those four bytes.
+Every channel has one frame name and one size, so all its messages have the same layout: one format string packs them,
+and one NumPy record type unpacks all of them at once. Doubles are exact. The MCAP times of the message are exact too:
+`log_time` is the arrival at the loop, `publish_time` the instant of measurement.
 
-IMU, poses and events are standard types, so that viewers draw them; the others carry their definition in the
-file.
+IMU, poses and events are standard types, so that viewers can draw them. The file contains the definition of the others.
 """
 
 import math
@@ -102,7 +100,7 @@ uint32 line
 
 
 class MessageField(NamedTuple):
-    """A field of a layout: an array of `size` doubles, a sequence of them, or an unsigned integer."""
+    """A field of a message: an array or a sequence of `size` doubles, or an unsigned integer."""
 
     name: str
     kind: str  # "array" | "sequence" | "uint32"
@@ -110,7 +108,7 @@ class MessageField(NamedTuple):
 
 
 class MessageLayout:
-    """The place of every byte of a message that starts with a Header."""
+    """The byte layout of a message that starts with a Header: it packs and unpacks such messages."""
 
     def __init__(self, frame: str, fields: tuple[MessageField, ...]) -> None:
         name = frame.encode() + b"\0"
@@ -122,7 +120,7 @@ class MessageLayout:
                 places.append((field if kind == "uint32" else f"{field}/count", "<u4", at + pad))
                 text, at = text + f"{pad}xI", at + pad + 4
             if kind != "uint32" and count:
-                pad = (4 - at) % 8  # the encapsulation does not count
+                pad = (4 - at) % 8  # the four bytes of CDR do not count for the alignment
                 places.append((field, ("<f8", (count,)), at + pad))
                 text, at = text + f"{pad}x{count}d", at + pad + 8 * count
         self._struct = struct.Struct(text)
@@ -135,12 +133,12 @@ class MessageLayout:
         )
 
     def pack(self, t_ns: int, *values: float) -> bytes:
-        """Return a message stamped `t_ns`; sequences are preceded by their length."""
+        """Return a message with the timestamp `t_ns`; `values` contain the length before each sequence."""
         return self._struct.pack(CDR, t_ns // NANOSECONDS, t_ns % NANOSECONDS, *self._head, *values)
 
     def unpack(self, data: bytearray, sizes: Sequence[int]) -> dict[str, np.ndarray]:
-        """Field name → (N, count) of all messages, one behind the other in `data`, without a copy. ValueError if one is
-        not of this layout."""
+        """Return the fields of all messages in `data`, field name → (N, count), without a copy.
+        The messages follow each other without a gap. ValueError if one does not have this layout."""
         if len(data) != len(sizes) * self._struct.size or any(size != self._struct.size for size in sizes):
             raise Invalid(fault("damage.message-bytes", bytes=self._struct.size))
         rows = np.frombuffer(data, self._dtype)
@@ -152,17 +150,17 @@ class MessageLayout:
 
 
 def command_layout(size: int, frame: str = "base_link") -> MessageLayout:
-    """baqueano_msgs/msg/Command; pack(t_ns, size, *u)."""
+    """Return the layout of baqueano_msgs/msg/Command; pack(t_ns, size, *u)."""
     return MessageLayout(frame, (MessageField("u", "sequence", size),))
 
 
 def measurement_layout(size: int, frame: str) -> MessageLayout:
-    """baqueano_msgs/msg/Measurement; pack(t_ns, size, *z)."""
+    """Return the layout of baqueano_msgs/msg/Measurement; pack(t_ns, size, *z)."""
     return MessageLayout(frame, (MessageField("z", "sequence", size),))
 
 
 def imu_layout(frame: str) -> MessageLayout:
-    """sensor_msgs/msg/Imu: orientation not known (first covariance −1, REP 145)."""
+    """Return the layout of sensor_msgs/msg/Imu; its first covariance −1 marks an unknown orientation (REP 145)."""
     blocks = ("orientation", 4), ("oc", 9), ("omega", 3), ("omega_cov", 9), ("accel", 3), ("accel_cov", 9)
     return MessageLayout(frame, tuple(MessageField(name, "array", count) for name, count in blocks))
 
@@ -172,17 +170,17 @@ _UNKNOWN = (0.0, 0.0, 0.0, 1.0, -1.0, *_ZEROS[1:])
 
 
 def imu_values(z: list[float]) -> tuple[float, ...]:
-    """(a_x, a_y, ω_z) in the places of sensor_msgs/msg/Imu; what was not measured is zero."""
+    """Return the field values of a sensor_msgs/msg/Imu with (a_x, a_y, ω_z); unmeasured quantities are zero."""
     return (*_UNKNOWN, 0.0, 0.0, z[2], *_ZEROS, z[0], z[1], 0.0, *_ZEROS)
 
 
 def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
-    """(N, 3): a_x, a_y, ω_z back from their places."""
+    """Return (N, 3): a_x, a_y, ω_z from the fields of IMU messages."""
     return np.column_stack([fields["accel"][:, 0], fields["accel"][:, 1], fields["omega"][:, 2]])
 
 
 def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map") -> MessageLayout:
-    """baqueano_msgs/msg/Estimate with an innovation of `size`; None: not reported."""
+    """Return the layout of baqueano_msgs/msg/Estimate with an innovation of `size`; None: not reported."""
     m = size or 0
     head = MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("cov", "array", 36)
     tail = (
@@ -193,7 +191,7 @@ def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map")
 
 
 def reference_layout(frame: str = "map") -> MessageLayout:
-    """baqueano_msgs/msg/Reference; pack(t_ns, *eta, *nu, done)."""
+    """Return the layout of baqueano_msgs/msg/Reference; pack(t_ns, *eta, *nu, done)."""
     return MessageLayout(
         frame,
         (MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("done", "array", 1)),
@@ -201,19 +199,19 @@ def reference_layout(frame: str = "map") -> MessageLayout:
 
 
 def motion_layout(frame: str = "map") -> MessageLayout:
-    """baqueano_msgs/msg/Motion; pack(t_ns, *eta, *nu, *nu_dot)."""
+    """Return the layout of baqueano_msgs/msg/Motion; pack(t_ns, *eta, *nu, *nu_dot)."""
     return MessageLayout(frame, tuple(MessageField(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
 
 
 def pose_layout(frame: str = "map") -> MessageLayout:
-    """geometry_msgs/msg/PoseStamped, for viewers only; pack(t_ns, *pose_values(eta))."""
+    """Return the layout of geometry_msgs/msg/PoseStamped, only for viewers; pack(t_ns, *pose_values(eta))."""
     return MessageLayout(
         frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4))
     )
 
 
 def pose_values(eta: list[float]) -> tuple[float, ...]:
-    """x, y, 0 and the quaternion of a turn by ψ about z."""
+    """Return x, y, 0 and the quaternion of a rotation by ψ about z; ψ = 0 if it is not finite."""
     half = 0.5 * eta[2]
     if not math.isfinite(half):
         half = 0.0
@@ -221,7 +219,7 @@ def pose_values(eta: list[float]) -> tuple[float, ...]:
 
 
 def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data: str = "") -> bytes:
-    """Pack a rcl_interfaces/msg/Log: `function` holds the code of the message, `file` its data in JSON."""
+    """Pack a rcl_interfaces/msg/Log: `function` contains the code of the message, `file` its data in JSON."""
     body = struct.pack("<iIB", t_ns // NANOSECONDS, t_ns % NANOSECONDS, level)
     for words in (source, text, data, code):
         content = words.replace("\0", "").encode("utf-8", "replace") + b"\0"
@@ -230,7 +228,7 @@ def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data
 
 
 def unpack_log(message: bytes) -> tuple[int, str, str, str]:
-    """Return level, source, text and data of one rcl_interfaces/msg/Log. ValueError for anything else."""
+    """Return level, source, text and data of one rcl_interfaces/msg/Log. Raise ValueError for other bytes."""
     try:
         body, words, at = message[4:], [], 9
         level = body[8]

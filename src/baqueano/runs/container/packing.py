@@ -1,7 +1,7 @@
-"""Pack signals into messages: a method for each recorded thing.
+"""Pack signals into messages: a method for each recorded signal.
 
-`put(topic, arrival_ns, data, t_ns, spare)` takes each message; `spare` marks what can be computed again from
-the rest.
+`put(topic, arrival_ns, data, t_ns, spare)` receives each message; `spare` is True if the message can be computed
+again from the other ones.
 """
 
 import json
@@ -21,19 +21,19 @@ Put = Callable[[int, int, bytes, int, bool], None]
 
 
 class Packing:
-    """Packs what is recorded for a file and hands it to `put`."""
+    """The packer of recorded signals: packs each one for a file and passes it to `put`."""
 
     def __init__(self, file: "RunFile", put: Put) -> None:
         self.file, self.put = file, put
 
     def command(self, which: str, t_ns: int, u: object) -> None:
-        """The command `u` (n,): "applied" until t_ns, "requested" or "sent" at t_ns."""
+        """Pack the command `u` (n,): "applied" until t_ns, "requested" or "sent" at t_ns."""
         values = np.asarray(u, dtype=float).tolist()
         topic = self.file.command(which, len(values))
         self.put(topic.id, t_ns, topic.pack(t_ns, len(values), *values), t_ns, False)
 
     def sensor(self, name: str, t_ns: int, arrival_ns: int, z: object) -> None:
-        """The measurement `z` (m,)."""
+        """Pack the measurement `z` (m,) of a sensor."""
         values = np.asarray(z, dtype=float).tolist()
         topic, imu = self.file.sensor(name, len(values))
         data = topic.pack(t_ns, *imu_values(values)) if imu else topic.pack(t_ns, len(values), *values)
@@ -48,7 +48,7 @@ class Packing:
         innovation: ArrayLike,
         innovation_cov: ArrayLike,
     ) -> None:
-        """Pose, velocity and covariance; innovation None where it is not reported."""
+        """Pack pose, velocity and covariance; `innovation` is None if the estimator does not report it."""
         pose = np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), *np.ravel(cov).tolist()]
         if innovation is None:
@@ -63,21 +63,21 @@ class Packing:
         self._pose("/estimate/pose", t_ns, pose)
 
     def reference(self, t_ns: int, eta: object, nu: object, done: float) -> None:
-        """Pack the wanted pose and velocity."""
+        """Pack the reference pose and velocity."""
         topic, pose = self.file.fixed("/reference"), np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), float(done)]
         self.put(topic.id, t_ns, topic.pack(t_ns, *values), t_ns, True)
         self._pose("/reference/pose", t_ns, pose)
 
     def truth(self, t_ns: int, eta: object, nu: object, nu_dot: object) -> None:
-        """Pack the true pose and velocity."""
+        """Pack the true pose, velocity and acceleration."""
         topic, pose = self.file.fixed("/truth"), np.asarray(eta, dtype=float).tolist()
         rest = [x for part in (nu, nu_dot) for x in np.asarray(part, dtype=float).tolist()]
         self.put(topic.id, t_ns, topic.pack(t_ns, *pose, *rest), t_ns, False)
         self._pose("/truth/pose", t_ns, pose)
 
     def event(self, event: Event) -> None:
-        """A line for the reader."""
+        """Pack an event: a line of text for the user."""
         topic = self.file.fixed("/events")
         level = 10 + 10 * LEVELS.index(event.level)
         message = event.diagnostic

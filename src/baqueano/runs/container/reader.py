@@ -1,7 +1,7 @@
-"""Read a run: verify every checksum, save the readable part of a cut or damaged file, and report the rest.
+"""Read a run: verify every checksum, recover the readable part of a cut or damaged file, and report the rest.
 
-`read_run(path)` returns the run; `run.notes` is empty for a whole file, else one sentence per thing that was
-lost. Foreign files, and files in which nothing is left, end with a FileError that says what they are.
+`read_run(path)` returns the run. `run.notes` is empty for a complete file, else it has one sentence per loss. A foreign
+file, or a file without readable data, raises a FileError that names the kind of file.
 """
 
 import json
@@ -21,10 +21,10 @@ from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unsealed
 from baqueano.runs.logs import LEVELS, Channel, EstimateLog, Event, ReferenceLog, TruthLog
 from baqueano.runs.run import Run
 
-VIEWERS = frozenset({"geometry_msgs/msg/PoseStamped"})  # what viewers draw, and a run has elsewhere
+VIEWERS = frozenset({"geometry_msgs/msg/PoseStamped"})  # for viewers; the run has these poses elsewhere
 NOTHING = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
 TOPICS = 1000  # of a run
-EVENT = 256  # bytes of memory of an event, beside its text
+EVENT = 256  # bytes of memory of an event, in addition to its text
 IMPORT = "baqueano runs import MAP.toml FILE"
 FOREIGN = {  # first bytes → what it is
     b"#ROSBAG": "ros-1",
@@ -38,7 +38,7 @@ FOREIGN = {  # first bytes → what it is
 
 
 def read_run(path: Path | str) -> Run:
-    """Return the run in a file; the losses of a cut or damaged one stand in its `notes`.
+    """Return the run in a file; its `notes` list the losses of a cut or damaged file.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def read_run(path: Path | str) -> Run:
     Raises
     ------
     FileError
-        Where the file is not a run, or nothing of it can be read. It says what the file is.
+        If the file is not a run, or nothing in it can be read. The message names the kind of file.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def read_run(path: Path | str) -> Run:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The bytes of an MCAP file. FileError if it is not there, empty, or something else."""
+    """Return the bytes of an MCAP file. Raise FileError if it is absent, empty, too large, or not an MCAP file."""
     try:
         if path.is_file() and path.stat().st_size > memory_limit.MOST // 2:
             raise FileError(
@@ -114,12 +114,12 @@ def read_bytes(path: Path) -> bytes:
 
 
 class _RunAssembly:
-    """Puts the messages of a file together to a run."""
+    """Builds a run from the messages of a file."""
 
     def __init__(self, path: Path, contents: Contents) -> None:
         self.path, self.contents = path, contents
         self.notes: list[Diagnostic] = []
-        self.taken = 0  # bytes of memory that the messages do not have themselves
+        self.taken = 0  # bytes of memory beyond those of the messages themselves
         self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
         for key, channel in sorted(contents.channels.items()):
             self.topics.setdefault(channel.topic, []).append((channel, key))
@@ -259,7 +259,7 @@ class _RunAssembly:
         return metadata or {}
 
     def losses(self, run: Run) -> list[Diagnostic]:
-        """Return the messages about the file as a whole."""
+        """Return the warnings about the file as a whole: not closed, damaged."""
         of, warnings = {"file": self.path.name, "ticks": len(run.t_ns)}, []
         if not self.contents.complete:
             warnings.append(_warning("run.not-closed", **of, duration_s=run.duration_s))
@@ -284,7 +284,7 @@ class _RunAssembly:
         return t_ns, fields
 
     def read(self, topic: str, values: str, layout: Any) -> Channel | None:
-        """The first channel of a topic, in order of arrival."""
+        """Return the first channel of a topic, in order of arrival; None if the file does not have the topic."""
         if topic not in self.topics:
             return None
         channel, key = self.topics[topic][0]
@@ -297,7 +297,7 @@ class _RunAssembly:
     def unpacked(
         self, topic: str, layout: messages.MessageLayout, key: int
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """The times of a channel's messages, their arrival, and the fields; they are not in the contents any more."""
+        """Return the times of a channel's messages, their arrival, and the fields; remove them from the contents."""
         messages_of_key = self.contents.messages.pop(key, NOTHING)
         try:
             fields = layout.unpack(messages_of_key.data, messages_of_key.sizes)
@@ -309,17 +309,17 @@ class _RunAssembly:
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
     def number(self, topic: str, text: str) -> int:
-        """Return the count of numbers in a message, as its channel declares it."""
+        """Return the declared count of numbers in a message of a channel."""
         if not text.isascii() or not text.isdecimal() or len(text) > 4:
             raise self.strange(topic, note("damage.channel-size"))
         return int(text)
 
     def fill(self, topic: str, rows: int, numbers: int) -> None:
-        """Counts the memory of rows that the file does not have, and that become NaN."""
+        """Count the memory of rows that are not in the file and become NaN."""
         self.take(topic, 8 * max(rows, 0) * numbers)
 
     def take(self, topic: str, size: int) -> None:
-        """Counts memory beyond what the messages of a topic take. FileError where that is more than the file may."""
+        """Count memory beyond that of the messages of a topic. Raise FileError if it exceeds the limit of the file."""
         self.taken += size
         if self.taken > memory_limit.allowed(self.contents.size) // 2:
             raise self.strange(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
@@ -341,7 +341,7 @@ def _warning(code: str, **figures: Any) -> Diagnostic:
 
 
 def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
-    """Return several causes as one, None of none."""
+    """Return several causes joined into one, or None for an empty list."""
     first = causes[0] if causes else None
     for then in causes[1:]:
         first = note("run.and", first=first, then=then)
@@ -351,7 +351,7 @@ def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
 def _estimate_piece(
     m: int | None, with_cov: bool, size: int | None, _: bool, t_ns: np.ndarray, f: dict[str, np.ndarray]
 ) -> tuple[np.ndarray | None, ...]:
-    """Columns of an EstimateLog; an innovation that was not reported becomes NaN where others are."""
+    """Return the columns of an EstimateLog from one channel; an unreported innovation becomes NaN if others exist."""
     k = len(t_ns)
     innovation = innovation_cov = None
     if m is not None:
@@ -363,7 +363,7 @@ def _estimate_piece(
 
 
 def _concatenate(pieces: list[Any], kind: Any) -> Any:
-    """The pieces of a log as one, by time."""
+    """Return the segments of a log joined into one, in order of time."""
     order = np.argsort(np.concatenate([piece[0] for piece in pieces]), kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
@@ -371,7 +371,7 @@ def _concatenate(pieces: list[Any], kind: Any) -> Any:
 
 
 def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
-    """Return a column of the pieces, each row in its place; copied once, because it may be large."""
+    """Return the joined column of the segments with each row in its place; it is copied once, as it may be large."""
     if parts[0] is None:
         return None
     column, at = np.empty((len(place), *parts[0].shape[1:]), dtype=parts[0].dtype), 0
@@ -382,7 +382,7 @@ def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
 
 
 def _diagnostic(data: str) -> Diagnostic | None:
-    """Return what an event says as data; None where it is text alone, or of another version."""
+    """Return the diagnostic of an event; None if the event has only text, or data of another version."""
     try:
         return Diagnostic.of_json(json.loads(data)) if data else None
     except (ValueError, RecursionError):

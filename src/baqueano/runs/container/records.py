@@ -1,9 +1,9 @@
-"""The bytes of an MCAP file, walked record by record, with every checksum verified (mcap.dev/spec).
+"""Read the bytes of an MCAP file record by record, and verify every checksum (mcap.dev/spec).
 
-Whatever was recorded before a cut or around a damaged place is returned, and every place that was lost is
-named. A message is returned only out of a chunk whose checksum holds, so none is ever silently wrong. When the
-walk loses its step it looks for the next chunk and goes on there. No byte is looked at twice in that search, so
-a damaged file takes no longer than a whole one. What is unpacked and kept is counted against `memory_limit.allowed`.
+All data before a cut or around a damaged place are returned, and every lost place is reported. A message is returned
+only from a chunk whose checksum is right, so wrong data never pass silently. If a record is damaged, the reader
+searches for the next chunk and goes on there. The search reads no byte twice, so a damaged file takes no longer than
+an intact one. The unpacked and stored bytes are counted against `memory_limit.allowed`.
 """
 
 import re
@@ -25,20 +25,20 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, DATA_END 
 LEAST = {HEADER: 8, FOOTER: 20, SCHEMA: 14, CHANNEL: 16, CHUNK: 40, ATTACHMENT: 36, METADATA: 8, DATA_END: 4}
 LAST_KNOWN = 15
 PAIRS = 10_000  # of one map from string to string
-NAMED = 10  # times its bytes is what a name or a map takes in memory
-AGAIN = 16  # times the file may damaged chunks be searched for others inside them
+NAMED = 10  # memory of a name or a map, as a multiple of its bytes
+AGAIN = 16  # limit of the search for chunks inside damaged ones, as a multiple of the file's size
 MOST_REPORTED = 8  # damaged places that are described
 
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _RECORD_HEAD = struct.Struct("<BQ")
-_SIGNATURE = b"\x04\0\0\0zstd"  # stands 37 bytes after the start of each chunk that baqueano writes
+_SIGNATURE = b"\x04\0\0\0zstd"  # is 37 bytes after the start of each chunk that baqueano writes
 _SIGNATURE_AT = 37
 _NOT_ZERO = re.compile(rb"[^\0]")
 
 
 class McapChannel(NamedTuple):
-    """A topic of the file and what it says about itself."""
+    """A topic of the file with its declared schema and metadata."""
 
     topic: str
     schema: str
@@ -46,7 +46,7 @@ class McapChannel(NamedTuple):
 
 
 class McapMessages(NamedTuple):
-    """The messages of a topic as they stand in the file, one behind the other."""
+    """The messages of a topic in the order of the file, without gaps."""
 
     data: bytearray
     sizes: "array[int]"
@@ -63,7 +63,7 @@ class McapMessages(NamedTuple):
 
 @dataclass
 class Contents:
-    """The readable records, and the damage."""
+    """The readable records of a file, and its damage."""
 
     size: int
     profile: str = ""
@@ -80,39 +80,39 @@ class Contents:
 
 
 class TooLarge(Invalid):
-    """A file that takes more memory than its size allows."""
+    """Raised for a file that takes more memory than its size allows."""
 
 
 class Damage(Invalid):
-    """Bytes that are not what they should be."""
+    """Raised for bytes that do not have the expected form."""
 
 
 class Cursor:
-    """Reads strings, numbers and maps from a piece of the file, never beyond its end."""
+    """A reader of strings, numbers and maps from a part of the file, never beyond its end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self.data, self.at = memoryview(data), 0
 
     def take(self, size: int) -> memoryview:
-        """The next `size` bytes."""
+        """Return the next `size` bytes."""
         if size > len(self.data) - self.at:
             raise Damage(fault("damage.field", size=size, left=len(self.data) - self.at))
         self.at += size
         return self.data[self.at - size : self.at]
 
     def number(self, size: int) -> int:
-        """An unsigned integer of `size` bytes."""
+        """Return an unsigned integer of `size` bytes."""
         return int.from_bytes(self.take(size), "little")
 
     def text(self) -> str:
-        """A string with its length before it."""
+        """Return a string that is preceded by its length."""
         try:
             return str(self.take(self.number(4)), "utf-8")
         except UnicodeDecodeError as error:
             raise Damage(fault("damage.not-utf8")) from error
 
     def pairs(self) -> dict[str, str]:
-        """A map from string to string."""
+        """Return a map from string to string."""
         inside, pairs = Cursor(self.take(self.number(4))), {}
         while inside.at < len(inside.data):
             key = inside.text()
@@ -123,8 +123,8 @@ class Cursor:
 
 
 def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
-    """Return the trustworthy records in the bytes of a file that begins with MAGIC, without the messages of the
-    schemas `unread`. TooLarge where it takes more memory than `memory_limit.allowed`."""
+    """Return the verified records in the bytes of a file that begins with MAGIC, without messages of schemas `unread`.
+    Raise TooLarge if it takes more memory than `memory_limit.allowed`."""
     walk = _Walk(data, unread)
     walk.run()
     return walk.contents
@@ -135,11 +135,11 @@ class _Walk:
         self.data, self.contents, self.unread = data, Contents(len(data)), unread
         self.view = memoryview(data)
         self.schemas: dict[int, str] = {}
-        self.ended = False  # behind the record that ends the messages
-        self.closed = False  # behind the last record
-        self.drawn: set[int] = set()  # channels that are not read
-        self.repeated: dict[int, McapChannel] = {}  # as the summary behind the messages tells them
-        self.sign = -1  # where the next chunk begins, as far as it was searched for
+        self.ended = False  # the record that ends the messages was read
+        self.closed = False  # the last record was read
+        self.skipped_channels: set[int] = set()  # channels for viewers, whose messages are skipped
+        self.repeated: dict[int, McapChannel] = {}  # channels as the summary after the messages repeats them
+        self.sign = -1  # position of the next chunk, as far as the search went
         self.lost_to = -1  # end of the last damaged place
         self.again = 0  # bytes of damaged records that are walked a second time
         self.unpacked = 0  # bytes of all chunks
@@ -158,7 +158,7 @@ class _Walk:
         self.afford(self.contents.kept + max(topics.values(), default=0))
 
     def record(self, at: int) -> int | None:
-        """Reads the record at `at`; returns where the next one starts, None where nothing can be read."""
+        """Read the record at `at`; return the position of the next record, or None if no more can be read."""
         if len(self.data) - at < 9:
             return None
         kind, size = _RECORD_HEAD.unpack_from(self.data, at)
@@ -201,7 +201,7 @@ class _Walk:
         return chunk
 
     def lost(self, at: int, to: int, cause: Diagnostic | str) -> None:
-        """Names a damaged place, once for all that follows it without a gap."""
+        """Report a damaged place; damage that follows it without a gap is not reported again."""
         if at < 0 or at != self.lost_to:
             self.contents.places += 1
             if self.contents.places <= MOST_REPORTED:
@@ -218,7 +218,7 @@ class _Walk:
         return self.sign
 
     def content(self, kind: int, at: int, end: int) -> None:
-        """Reads the bytes `at` to `end` of a record. Damage if they are not what they should be."""
+        """Read the bytes `at` to `end` of a record. Raise Damage if they do not have the expected form."""
         body = self.view[at:end]
         if kind == CHUNK:
             self.chunk(body)
@@ -248,7 +248,7 @@ class _Walk:
 
     def chunk(self, body: memoryview) -> None:
         records = self.opened(body)
-        at, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.drawn
+        at, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.skipped_channels
         while at < len(records):
             if len(records) - at < 9:
                 raise Damage(fault("damage.chunk-ends"))
@@ -275,7 +275,7 @@ class _Walk:
             elif kind in (SCHEMA, CHANNEL):
                 self.named(kind, Cursor(records[at : at + size]), self.contents.channels)
             at += size
-        self.contents.kept += (len(records) - skipped_bytes) * 9 // 8  # what grows has room for more
+        self.contents.kept += (len(records) - skipped_bytes) * 9 // 8  # growing arrays reserve more memory
 
     def footer(self, cursor: Cursor, crc_at: int) -> None:
         if self.closed:
@@ -301,7 +301,7 @@ class _Walk:
             channels[channel] = description
             self.keep(NAMED * len(cursor.data))
         if description.schema in self.unread:
-            self.drawn.add(channel)
+            self.skipped_channels.add(channel)
 
     def attachment(self, body: memoryview) -> None:
         cursor = Cursor(body)
@@ -317,12 +317,12 @@ class _Walk:
         self.keep(NAMED * len(name) + 4 * len(data))
 
     def keep(self, size: int) -> None:
-        """Counts bytes of memory that are taken."""
+        """Count bytes of memory, and raise TooLarge if they exceed the limit."""
         self.contents.kept += size
         self.afford(len(self.data) + self.contents.kept)
 
     def afford(self, need: int) -> None:
-        """TooLarge where so many bytes of memory are more than the file may take."""
+        """Raise TooLarge if `need` bytes of memory are more than the file may take."""
         if need > memory_limit.allowed(len(self.data)):
             raise TooLarge(
                 fault(
@@ -334,7 +334,7 @@ class _Walk:
             )
 
     def opened(self, body: memoryview) -> bytes | memoryview:
-        """The records in a chunk. Damage where its checksum does not hold, TooLarge where they are too many."""
+        """Return the records in a chunk. Raise Damage if its checksum is wrong, TooLarge if it is too large."""
         _, _, size, checksum = _CHUNK_HEAD.unpack_from(body)
         cursor = Cursor(body)
         cursor.take(_CHUNK_HEAD.size)
@@ -348,7 +348,7 @@ class _Walk:
         memory_bytes = len(self.data) + self.contents.kept
         room = max(
             (memory_limit.allowed(len(self.data)) - memory_bytes) // 2, 0
-        )  # the records, and what is kept of them
+        )  # for the records, and for their stored parts
         records = decompressed(compression, payload, min(size, room))
         self.unpacked += len(records)
         self.afford(max(self.unpacked, memory_bytes + 2 * (size if len(records) > room else len(records))))
@@ -360,7 +360,7 @@ class _Walk:
 
 
 def _check_size(compression: str, payload: memoryview, size: int) -> None:
-    """Damage where the compressed data say another size than their chunk."""
+    """Raise Damage if the compressed data declare another size than their chunk."""
     if compression == "zstd":
         import zstandard
 
@@ -373,7 +373,7 @@ def _check_size(compression: str, payload: memoryview, size: int) -> None:
 
 
 def decompressed(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
-    """At most `size` bytes and one more."""
+    """Return at most `size` + 1 bytes of the unpacked data; one byte more than `size` shows that there are more."""
     if compression == "":
         return packed
     if compression == "zstd":

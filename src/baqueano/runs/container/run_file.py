@@ -1,12 +1,12 @@
-"""The MCAP file of a run: topics, chunks and what stands around them. No thread, no queue, no clock.
+"""The MCAP file of a run: topics, chunks and attachments. No thread, no queue, no clock.
 
 Profile `ros2`, messages in CDR, definitions in the file, so that Foxglove, PlotJuggler, rerun, rosbags and
-`ros2 bag` open it. The topics:
+`ros2 bag` can open it. The topics:
 
     /command/applied | requested | sent    baqueano_msgs/Command       the ticks are the times of `applied`
     /sensors/NAME                          sensor_msgs/Imu, or baqueano_msgs/Measurement
     /estimate, /reference, /truth          baqueano_msgs/Estimate | Reference | Motion
-    …/pose of these three                  geometry_msgs/PoseStamped, for viewers alone
+    …/pose of these three                  geometry_msgs/PoseStamped, only for viewers
     /events                                rcl_interfaces/Log
 """
 
@@ -38,7 +38,7 @@ class Topic(NamedTuple):
 
 
 def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
-    """Return the sensors to write as sensor_msgs/Imu: those of that kind in the vehicle file, else those named imu…"""
+    """Return a test for IMU sensors: those of kind imu… in the vehicle file; a sensor not in it counts by its name."""
     try:
         tables = parsed(vehicle_text, "vehicle.toml").get("sensors", {})
     except (FileError, ValueError):
@@ -53,7 +53,7 @@ def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
 
 
 class RunFile:
-    """An open file that takes packed messages."""
+    """An open file that receives packed messages."""
 
     def __init__(self, path: Path, vehicle_text: str, metadata: dict[str, str]) -> None:
         from mcap.writer import Writer
@@ -73,7 +73,7 @@ class RunFile:
         self._mcap.add_attachment(0, 0, VEHICLE_FILE, "application/toml", vehicle_text.encode())
 
     def topic(self, name: str, schema: str, size: int | str, pack: Callable[..., bytes]) -> Topic:
-        """The channel `name` for messages of this size, made when first asked for."""
+        """Return the channel `name` for messages of this size; create it at the first call."""
         key = (name, size)
         with self._lock:
             if key not in self._topics:
@@ -86,14 +86,14 @@ class RunFile:
             return self._topics[key]
 
     def command(self, which: str, size: int) -> Topic:
-        """/command/applied, requested or sent."""
+        """Return the topic /command/applied, requested or sent."""
         key = (f"/command/{which}", size)
         return self._topics.get(key) or self.topic(
             key[0], "baqueano_msgs/msg/Command", size, messages.command_layout(size).pack
         )
 
     def sensor(self, name: str, size: int) -> tuple[Topic, bool]:
-        """/sensors/NAME, and whether it is written as an IMU."""
+        """Return the topic /sensors/NAME, and True if it is written as an IMU."""
         imu, key = self._is_imu(name, size), (f"/sensors/{name}", size)
         if key not in self._topics:
             schema = "sensor_msgs/msg/Imu" if imu else "baqueano_msgs/msg/Measurement"
@@ -102,7 +102,7 @@ class RunFile:
         return self._topics[key], imu
 
     def estimate(self, size: int | None, with_cov: bool) -> Topic:
-        """/estimate with an innovation of this size."""
+        """Return the topic /estimate with an innovation of this size."""
         size_text = "none" if size is None else f"{size}" if with_cov else f"{size} without covariance"
         key = ("/estimate", size_text)
         return self._topics.get(key) or self.topic(
@@ -110,7 +110,7 @@ class RunFile:
         )
 
     def fixed(self, name: str) -> Topic:
-        """/reference, /truth, /events, and the poses that viewers draw."""
+        """Return the topic /reference, /truth, /events, or one of the poses for viewers."""
         key = (name, "")
         if key not in self._topics:
             schema, pack = FIXED[name]
@@ -118,26 +118,26 @@ class RunFile:
         return self._topics[key]
 
     def add(self, topic: int, arrival_ns: int, data: bytes, t_ns: int) -> None:
-        """Return a packed message."""
+        """Add a packed message to the open chunk."""
         with self._lock:
             self._mcap.add_message(topic, arrival_ns, data, t_ns)
 
     def keep(self, durably: bool = True) -> None:
-        """Closes the chunk and hands it to the disk."""
+        """Close the chunk and, if `durably`, sync it to the disk."""
         with self._lock:
             self._mcap.flush()
         if durably:
             getattr(os, "fdatasync", os.fsync)(self._stream.fileno())
 
     def finish(self) -> None:
-        """Writes the index and closes the file."""
+        """Write the index and close the file."""
         self._mcap.finish()
         self._stream.flush()
         os.fsync(self._stream.fileno())
         self._stream.close()
 
     def abandon(self) -> None:
-        """Closes the file as it is, though the disk refuses what still waits."""
+        """Close the file without an index, even if the disk refuses the rest."""
         with suppress(OSError):
             self._stream.close()
 
@@ -153,13 +153,13 @@ FIXED = {
 
 
 def sealed(metadata: dict[str, str]) -> dict[str, str]:
-    """The metadata with the format and a checksum, which MCAP does not give them."""
+    """Return the metadata with the format and a checksum, which MCAP does not add."""
     content = metadata | {"format": FORMAT}
     return content | {"crc32": f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"}
 
 
 def unsealed(record: dict[str, str]) -> dict[str, str] | None:
-    """The metadata without format and checksum; None if the checksum does not hold."""
+    """Return the metadata without format and checksum; None if the checksum is wrong."""
     metadata = {key: value for key, value in record.items() if key not in ("format", "crc32")}
     return metadata if record == sealed(metadata) else None
 
@@ -177,7 +177,7 @@ def _open(path: Path) -> Any:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the name of a new file survive a power cut; not every system can."""
+    """Sync the folder, so that the name of a new file survives a power cut; not every system can do this."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:

@@ -1,9 +1,9 @@
-"""Writing a run while it happens, or a whole one at once.
+"""Write a run during a drive, or a complete one at once.
 
-The loop packs its messages and puts them in a queue; a thread of the writer's own moves them to the file. Twice a
-second it closes a chunk and asks the disk to keep it (fdatasync, else fsync). A program that is killed, or a power cut,
-loses at most one second, and a slow disk never holds up the motors: when the queue of a live run is full, what can be
-computed again from the rest (estimates, references) is dropped first, counted, and told.
+The loop packs its messages and puts them in a queue; a separate thread of the writer moves them to the file. Twice a
+second it closes a chunk and syncs it to the disk (fdatasync, else fsync). If the program is killed, or after a power
+cut, at most one second is lost. A slow disk never delays the motors: if the queue of a live run is full, messages that
+can be computed again (estimates, references) are dropped first, counted, and reported.
 """
 
 import heapq
@@ -42,7 +42,7 @@ Message = tuple[int, int, bytes, int]  # topic, arrival, what is packed, time
 
 
 def versions() -> dict[str, str]:
-    """Return the versions and settings that made a run, for its metadata."""
+    """Return the versions and the machine that made a run, for its metadata."""
     from importlib.metadata import version
 
     return {
@@ -54,10 +54,9 @@ def versions() -> dict[str, str]:
 
 
 class RunWriter:
-    """Writes a run tick by tick; use it in a `with`. Nothing in it raises while the vehicle moves: `failure` and
-    `dropped` tell, and at the end FileError.
-
-    `live`: a real vehicle, which must not wait: messages are dropped when the disk stalls for minutes.
+    """Writes a run tick by tick; use it in a `with`. No method raises while the vehicle moves: `failure` and
+    `dropped` report problems, and `close` raises FileError.
+    `live` is for a real vehicle, which must not wait: messages are dropped if the disk stalls for minutes.
 
     >>> with RunWriter("note.mcap", metadata={"kind": "none"}) as writer:
     ...     writer.event(0, "info", "me", "a line for the reader")
@@ -73,7 +72,7 @@ class RunWriter:
         live: bool = False,
     ) -> None:
         self.path = Path(path)
-        self.failure: OSError | None = None  # why nothing is written any more
+        self.failure: OSError | None = None  # the reason why writing stopped
         self.dropped = 0  # messages left out because the disk was too slow
         self._live = live
         self._file = RunFile(self.path, vehicle_text, versions() | dict(metadata or {}))
@@ -87,7 +86,7 @@ class RunWriter:
         self._thread.start()
 
     def record(self, record: "Record") -> None:
-        """Write a Record of the loop."""
+        """Write a Record of the loop: commands, new measurements, estimate and reference."""
         tick = record.tick
         self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
         for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
@@ -106,21 +105,21 @@ class RunWriter:
             self._say("reference", self._packing.reference, *record.reference)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
-        """Write the true pose and velocity."""
+        """Write the true pose, velocity and acceleration."""
         self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
 
     def channel(self, name: str, t_ns: int, z: object) -> None:
-        """A measurement (m,) of what no sensor of the vehicle holds: the battery, a temperature."""
+        """Write a measurement (m,) that belongs to none of the vehicle's sensors: the battery, a temperature."""
         self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
 
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
-        """A line for the reader; level is one of LEVELS."""
+        """Write an event: a line of text for the user; `level` is one of LEVELS."""
         data = message if isinstance(message, Diagnostic) else None
         level = level if level in LEVELS else "warning"
         self._say("event", self._packing.event, Event(t_ns, level, source, in_english(message), data))
 
     def close(self) -> None:
-        """Write the buffered rest and the index. FileError with the saved part if the disk refused."""
+        """Write the buffered rest and the index. Raise FileError with the saved part if the disk refused."""
         if self._closed:
             return
         self._closed = True
@@ -158,7 +157,7 @@ class RunWriter:
                 raise
 
     def _say(self, subject: str, pack: Callable[..., Any], *args: object) -> None:
-        """Pack a message; one that cannot be packed is reported once in the run, and the rest goes on."""
+        """Pack a message; if one cannot be packed, report it once in the run and go on."""
         try:
             pack(*args)
         except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
@@ -195,7 +194,7 @@ class RunWriter:
             self.failure = error
 
     def _move(self) -> None:
-        """Moves the queue to the open chunk."""
+        """Move the queue to the open chunk."""
         queue, add = self._queue, self._file.add
         for _ in range(len(queue)):
             add(*queue.popleft())
@@ -209,7 +208,7 @@ def write_run(run: Run, path: Path | str) -> Path:
     run : Run
         The run.
     path : path
-        Where to write it.
+        The file to write.
 
     Returns
     -------
@@ -219,7 +218,7 @@ def write_run(run: Run, path: Path | str) -> Path:
     Raises
     ------
     FileError
-        Where the file exists, or the disk refuses.
+        If the file exists, or the disk refuses.
     UsageError
         For times that are not between 1970 and 2038.
 
@@ -249,7 +248,7 @@ def write_run(run: Run, path: Path | str) -> Path:
 
 
 def _messages(run: Run, file: RunFile) -> Iterator[Message]:
-    """All messages of a run by arrival, packed when they are asked for; every topic is named, also those without
+    """Yield all messages of a run by arrival, each packed when it is needed. Every topic is declared, even one without
     messages."""
     messages_: list[Message] = []
 
@@ -262,7 +261,7 @@ def _messages(run: Run, file: RunFile) -> Iterator[Message]:
         for k in np.argsort(arrival_ns, kind="stable"):
             pack(int(k))
             of_row = messages_.copy()
-            messages_.clear()  # the other signals pack before this one goes on
+            messages_.clear()  # other signals pack into the same list before this one continues
             yield from of_row
 
     _name_topics(run, file)
@@ -271,7 +270,7 @@ def _messages(run: Run, file: RunFile) -> Iterator[Message]:
 
 
 def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
-    """The arrival of each row of a signal, and what packs a row."""
+    """Yield for each signal the arrival of its rows, and the function that packs a row."""
     for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
         if rows is not None:
             yield run.t_ns, lambda k, w=which, u=rows: packing.command(w, int(run.t_ns[k]), u[k])

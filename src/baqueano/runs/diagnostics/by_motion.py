@@ -1,12 +1,12 @@
-"""Sensors and commands against the motion that the others tell: each a signal map (signal_map.py).
+"""Compare sensors and commands with the motion that the other ones measure, each by a signal map (signal_map.py).
 
     (ω_z), (v)              of (ω), (v) by the truth                            scale within 1.25          (1)
     (v_r − v_l)             of (ω) by the truth, or by the gyro                 track of 0.03 to 5 m       (2)
     (a_x, a_y)              of (v̇, v ω)                                         scale within 2.5           (3)
     (ω)                     of (u_steering v, u_throttle v)                     any scale                  (4)
 
-(3) depends on the units of v and, without a truth, of the gyro. A gyro that turns against the wheels is
-inverted where (3) contradicts it as well; else swapped wheels and an IMU upside down look alike.
+(3) depends on the units of v and, without a truth, of the gyro. If gyro and wheels turn in opposite directions and
+(3) contradicts the gyro too, the gyro is inverted; else swapped wheels and an IMU upside down look the same.
 """
 
 from collections.abc import Callable
@@ -38,11 +38,11 @@ Truth = Callable[[float], np.ndarray]
 CLOCK_S, APART_S = 0.25, 0.02  # search range of the offset of two clocks, and the least offset reported
 MOVED, TURNED_RAD_S, MOVED_M_S2 = 0.05, 0.1, 0.2  # standard deviations of a drive that shows something
 SCALE, ACCEL_SCALE = 1.25, 2.5  # either way
-TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; one that skids seems twice as wide
+TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; a skidding vehicle appears twice as wide
 
 
 def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
-    """Return the diagnostics of sensors and commands that contradict each other."""
+    """Return the doubts about sensors and commands that contradict each other."""
     motion, doubts = LoggedMotion(run, m), []
     if len(motion.rate) < FEW:
         return []
@@ -59,7 +59,7 @@ def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
-    """An error that contradicts the map: the channel, and the line to write; `otherwise` for a scale of no unit."""
+    """Return an error that contradicts the map, with the line to write; `otherwise` is for a scale of no known unit."""
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
@@ -77,7 +77,7 @@ def _reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
 
 
 def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]:
-    """The line to write for each unit that `entry` may have instead, by its ratio."""
+    """Return the line to write for each unit that `entry` may have instead, by its ratio."""
     units = ratios(measures, entry.unit).items()
     return {
         r: note("recording.write-unit", unit_of_it=unit, key=entry.key)
@@ -89,7 +89,7 @@ def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]
 def _by_truth(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str
 ) -> list[Doubt]:
-    """A sensor against the truth of the same thing: clock, sign, unit, scale.  (1)"""
+    """Return the doubts about a sensor compared with the truth of the same quantity: clock, sign, unit, scale.  (1)"""
     if not np.std(true_of(0.0)) > MOVED or not np.isfinite(z).all():
         return []
     true, doubts = _late(motion, entry, z, true_of)
@@ -113,8 +113,8 @@ def _by_truth(
 def _late(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth
 ) -> tuple[np.ndarray, list[Doubt]]:
-    """Return the truth with its stamps shifted to where it agrees best with the sensor, and a doubt about them where
-    that halves the residual: two clocks that are apart make a slope too small."""
+    """Return the truth shifted in time to agree best with the sensor, and a doubt if the shift halves the residual.
+    An offset between two clocks makes the estimated slope too small."""
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
     relations = [relation(z, true_of(float(lag))) for lag in lags]
     r = np.array([relation.correlation for relation in relations])
@@ -134,7 +134,7 @@ def _late(
 
 
 def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
-    """Left and right wheel against the truth, or else the gyro.  (2)"""
+    """Return the doubts about left and right wheel compared with the truth, or else with the gyro.  (2)"""
     difference, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
     if not np.std(rate) > TURNED_RAD_S or not np.isfinite(difference).all():
         return []
@@ -156,7 +156,7 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
 
 
 def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu") -> Doubt:
-    """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
+    """Return an error for the gyro or the wheels, whichever the sideways acceleration contradicts, or for both."""
     if motion.run.truth is not None:
         return Doubt("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
     of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
@@ -171,8 +171,8 @@ def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu
 
 
 def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
-    """Check if a_x and a_y are swapped, inverted, or in another unit. A turning in a_y `opposed` to the wheels' is
-    reported there.  (3)"""
+    """Return the doubts if a_x and a_y are swapped, inverted, or in another unit. If gyro and wheels are `opposed`, a_y
+    is not checked here, as another doubt reports it.  (3)"""
     a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(predicted), np.std(a[:, 1])) > MOVED_M_S2 or not np.isfinite(a).all():
         return []
@@ -203,7 +203,7 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
 
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:
-    """Of two commands, the one that is called steering must be the one that turns.  (4)"""
+    """Return a doubt if the command that is called steering is not the one of the two that turns the vehicle.  (4)"""
     names, run, rate = motion.m.names, motion.run, motion.rate
     which = [i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()]
     if len(names) != 2 or len(which) != 1 or not np.std(rate) > 2.0 * TURNED_RAD_S:

@@ -1,7 +1,8 @@
-"""Errors that an imported recording may contain.
+"""Find errors that an imported recording may contain.
 
-Each signal alone (physical_limits.py), the truth by itself (truth.py), then all against each other (by_motion.py). An
-error contradicts the map: the import ends with the line to write, or goes on when the map lists it under `accept`.
+It checks each signal by itself (physical_limits.py), the truth by itself (truth.py), then all against each other
+(by_motion.py). An error contradicts the map: the import stops with the line to write, or goes on if the map lists it
+under `accept`.
 """
 
 from collections.abc import Iterator
@@ -21,11 +22,11 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.runs.maps.columns import ColumnMap
 
-LONG = 10.0  # times as long as others: the vehicle stands
+LONG = 10.0  # times the median duration of a value: the vehicle is at rest
 
 
 def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
-    """The doubts, with accepted errors as warnings. FileError if an error is left."""
+    """Return the doubts with accepted errors as warnings. Raise FileError if another error is left."""
     errors = [d for d in doubts if d.level == "error" and d.code not in m.accept]
     if errors:
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
@@ -39,7 +40,7 @@ def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
 
 
 def _all(doubts: list[Doubt]) -> Diagnostic:
-    """Return several doubts as one; a line to write of several stands after the last."""
+    """Return several doubts as one; a line to write that several of them share is printed after the last."""
     lines = [d.line for d in doubts]
     each = [
         note("recording.and-line", cause=d.reason, line=d.line)
@@ -54,7 +55,7 @@ def _all(doubts: list[Doubt]) -> Diagnostic:
 
 
 def look(run: Run, m: "ColumnMap") -> list[Doubt]:
-    """All doubts about a run."""
+    """Return all doubts about a run."""
     doubts: list[Doubt] = []
     for name, channel in run.sensors.items():
         doubts += _channel_doubts(
@@ -68,7 +69,7 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _channel_doubts(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:
-    """A signal by itself: constant, held; one that is `slow` by nature may repeat."""
+    """Yield the doubts about one signal: constant or held values; a `slow` signal may repeat its values."""
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return

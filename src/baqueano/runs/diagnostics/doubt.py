@@ -16,18 +16,18 @@ KINDS = (  # codes as words; `accept` in a map takes them in English
 
 
 class Doubt(NamedTuple):
-    """A finding about a recording; its sentences are data, in the language of their reader."""
+    """A finding about a recording; its sentences are data, translated when they are read."""
 
-    code: str  # as `accept` in the map names it
-    level: str  # "error" contradicts the map, "warning" was dealt with, "info" is good to know
-    t_ns: int | None  # where it begins; None: everywhere
+    code: str  # the name for `accept` in the map
+    level: str  # "error": contradicts the map; "warning": was corrected or left out; "info": only reported
+    t_ns: int | None  # its beginning; None: it concerns the whole recording
     reason: Diagnostic
     line: Diagnostic | str | None = None  # to write in the map
-    usual: bool = False  # every import of such a map has it
+    usual: bool = False  # every import with such a map has it
 
     @property
     def text(self) -> str:
-        """Return the sentence."""
+        """Return the reason as a sentence."""
         return text(self.reason)
 
     @property
@@ -37,7 +37,7 @@ class Doubt(NamedTuple):
 
     @property
     def diagnostic(self) -> Diagnostic:
-        """Return the sentence and the line to write, as one."""
+        """Return the reason and the line to write as one diagnostic."""
         severity = Severity(self.level)
         if self.line is None:
             return note("recording.alone", severity, what=self.code, cause=self.reason)
@@ -45,5 +45,5 @@ class Doubt(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """Return the text, and the line to write."""
+        """Return the sentence and, if there is one, the line to write."""
         return f"{self.text}; {self.cure}" if self.line else self.text

@@ -1,9 +1,9 @@
-"""The motion that each source of a recording tells, as means over the same windows; NaN of what nothing measures.
+"""The motion by each source of a recording, as means over common windows; NaN for a quantity without a sensor.
 
     truth: Δψ/Δt, Δ(x, y)/Δt · (cos ψ, sin ψ)   gyro: ω_z   odometer, or mean of two wheels: v   wheels: v_l, v_r
 
-Windows of 0.2 s or four samples, each half over the one before. A mean is an area by its ends, as a slope is: v̇ and
-a_x are then of one span.
+Windows of 0.2 s or four samples, each overlapping half of the previous one. A mean is the difference of an integral
+between the ends of the window, as a derivative is that of the signal: so v̇ and a_x refer to the same span.
 """
 
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ WINDOW_S, SAMPLES = 0.2, 4.0
 
 
 class LoggedMotion:
-    """Means (W,) of a run: `imu` (W, 3), `wheels` (W, 2), `speed`, `rate` and `v_dot` as they are known best."""
+    """Window means (W,) of a run: `imu` (W, 3), `wheels` (W, 2); `speed`, `rate` and `v_dot` by the best source."""
 
     def __init__(self, run: Run, m: "ColumnMap") -> None:
         self.run, self.m = run, m
@@ -44,19 +44,19 @@ class LoggedMotion:
         self.rate = self.imu[:, 2] if run.truth is None else self.true_rate()
 
     def mean(self, t_ns: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the means (W,) of values (M,)."""
+        """Return the window means (W,) of values (M,)."""
         t = self._seconds(t_ns)
         area = np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))
         return self._change(t, np.concatenate([[0.0], area]))
 
     def true_rate(self, late_s: float = 0.0) -> np.ndarray:
-        """Return ω of a truth whose stamps are that much later."""
+        """Return ω of the truth with its timestamps shifted later by `late_s`."""
         if (truth := self.run.truth) is None:
             return np.full(len(self._t), np.nan)
         return self._change(self._seconds(truth.t_ns) + late_s, np.unwrap(truth.eta[:, 2]))
 
     def true_speed(self, late_s: float = 0.0) -> np.ndarray:
-        """Return ν_x of a truth whose stamps are that much later."""
+        """Return ν_x of the truth with its timestamps shifted later by `late_s`."""
         if (truth := self.run.truth) is None:
             return np.full(len(self._t), np.nan)
         t = self._seconds(truth.t_ns) + late_s

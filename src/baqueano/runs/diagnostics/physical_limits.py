@@ -1,14 +1,14 @@
-"""Numbers that no small vehicle has: what one signal alone tells of its unit.
+"""Find numbers that no small vehicle reaches: evidence of a wrong unit from one signal only.
 
-    speed, rate    the largest 1 % beyond 60 m/s, 35 rad/s (2000 deg/s, where small gyros end)
-    tyres          means of a_x, a_y over WINDOW_S, without their median, beyond 2 g: tyres hold about 1 g    (1)
-    at rest        before the first command a small gyro is off by less than 0.35 rad/s (20 deg/s, data sheet of the
-                   MPU-6050) and trembles by less than 0.02 rad/s (1.1 deg/s, ten times its data sheet);      (2)
-                   an accelerometer trembles by more than 0.02 m/s² (2 mg; its data sheet through 44 Hz: 2.7) (3)
+    speed, rate    the largest 1 % beyond 60 m/s, 35 rad/s (2000 deg/s, the range of small gyros)
+    tyres          means of a_x, a_y over WINDOW_S, minus their median, beyond 2 g: tyres hold about 1 g      (1)
+    at rest        before the first command the bias of a small gyro is below 0.35 rad/s (20 deg/s, data sheet of the
+                   MPU-6050) and its noise below 0.02 rad/s (1.1 deg/s, ten times its data sheet);            (2)
+                   the noise of an accelerometer is above 0.02 m/s² (2 mg; its data sheet at 44 Hz: 2.7 mg)   (3)
     turning        a_y = v ω: the v of a curve beyond 20 m/s                                                  (4)
     commands       a full one is 1; the full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
 
-(1) below 4 g, (2), (3), (4) and a rate of more than two turns a second are doubts that refuse nothing.
+(1) below 4 g, (2), (3), (4) and a rate of more than two turns a second give doubts that do not stop an import.
 """
 
 from collections.abc import Iterator
@@ -44,12 +44,12 @@ STILL_S, BIAS_RAD_S, TREMBLE_RAD_S, TREMBLE_M_S2 = 1.0, 0.35, 0.02, 0.02
 CURVE_M_S, ENOUGH = 20.0, 50
 FULL = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
 PULSE_US = (500.0, 2500.0)  # of a servo
-OVER = 1.2  # times a full command: rounding and trims are less
-TINY = 0.03  # a command that never moved a motor
+OVER = 1.2  # times a full command: rounding and trims stay below it
+TINY = 0.03  # a command too small to move a motor
 
 
 def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
-    """Doubts about the unit of a sensor by itself."""
+    """Yield the doubts about the unit of a sensor, from this sensor only."""
     most = np.quantile(np.abs(channel.z), 0.99, axis=0)
     beyond, kind = False, signal.kind or ""
     for value, measures, entry in zip(most, KINDS.get(kind, ()), signal.entries, strict=False):
@@ -67,7 +67,7 @@ def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Do
 
 
 def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
-    """(1)"""
+    """Yield a doubt about the unit if an acceleration exceeds the grip of tyres.  (1)"""
     for a, entry in zip(_means(channel).T[:2], signal.entries, strict=False):
         if not len(a) or not np.isfinite(a).all():
             continue
@@ -84,7 +84,7 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
 
 
 def _means(channel: Channel) -> np.ndarray:
-    """Return means (windows, m) over WINDOW_S, or three samples: vibration is not motion. Empty of a short channel."""
+    """Return means (windows, m) over WINDOW_S or three samples, without vibration; empty if the channel is short."""
     t = (channel.t_ns - channel.t_ns[0]) / NANOSECONDS
     if len(t) < ENOUGH or t[-1] < 10.0 * WINDOW_S:
         return np.zeros((0, channel.z.shape[1]))
@@ -92,7 +92,7 @@ def _means(channel: Channel) -> np.ndarray:
 
 
 def _at_rest(run: Run, channel: Channel) -> np.ndarray:
-    """(M,) samples before the first command."""
+    """Return (M,) bool: True for the samples before the first command; all False if they are too few."""
     in_motion = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
     first = run.t_ns[max(int(np.argmax(in_motion)) - 1, 0)] if in_motion.any() else run.t_ns[-1]
     at_rest = channel.t_ns < first
@@ -101,7 +101,7 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
 
 
 def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
-    """Two turns a second, (2) and (3)."""
+    """Yield the doubts about the gyro, two turns a second and (2), and about a quiet accelerometer (3)."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
@@ -125,12 +125,12 @@ def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]
 
 
 def _spread(x: np.ndarray) -> float:
-    """Standard deviation, by the median of the deviations: 1.4826 is that of a normal distribution."""
+    """Return the standard deviation, estimated as 1.4826 times the median absolute deviation."""
     return 1.4826 * float(np.median(np.abs(x - np.median(x))))
 
 
 def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
-    """(4)"""
+    """Yield a doubt if a_y and ω_z give a curve at an impossible speed.  (4)"""
     curve = relation(*_means(channel).T[1:])
     if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
@@ -142,7 +142,7 @@ def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
 
 
 def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
-    """Doubts about the unit of the commands."""
+    """Yield the doubts about the unit of the commands."""
     wheels = run.applied[:, [0, 0]] + run.applied[:, [-1, -1]] * [-1.0, 1.0]
     columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied, m.names)
     entries = m.command.entries
@@ -170,7 +170,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
 
 
 def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
-    """Return the line for a command that hardly moves as one of the `percents`; None where it is one that is small."""
+    """Return the line for a tiny command in `percents`; None if the command is really small."""
     together = percents if _largest(percents) < 100.0 * TINY else [u]
     if _largest(together) <= OVER:
         return note("recording.write", line='unit = "1"')
@@ -182,8 +182,8 @@ def _largest(columns: list[np.ndarray]) -> float:
 
 
 def _full(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
-    """Return the line for commands in counts: all of a vehicle share a full scale. Name only a scale whose commands
-    are not too small."""
+    """Return the line for commands in counts; all commands of a vehicle share one full scale. A full scale is named
+    only if the commands are not too small for it."""
     least, most = min(float(np.min(u)) for u in counts), _largest(counts)
     if PULSE_US[0] <= least and most <= PULSE_US[1]:
         return note("recording.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")

@@ -1,9 +1,9 @@
-"""Readings that repeat the one before: held by a driver that reads too fast, or the steps of an encoder.
+"""Find readings that repeat the previous one: held by a driver that reads too fast, or the steps of an encoder.
 
-A signal that moves by more than one level of its converter at a time does not repeat a value: what repeats between
-two such jumps was held. What repeats beside a jump to the next level moves by less than a step. Of an encoder whose
-wheel rolls evenly 1 to 4 % of such values last. Of a driver that reads twice as fast as the chip measures, all of them
-do.
+A signal that moves by more than one level of its converter at a time does not repeat a value. So a value that repeats
+between two such jumps was held. A value that repeats next to a jump to the adjacent level moves by less than a step.
+If the wheel of an encoder rolls evenly, 1 to 4 % of such values last. If a driver reads twice as fast as the chip
+measures, all of them last.
 """
 
 from typing import NamedTuple
@@ -15,19 +15,19 @@ HELD = 0.4  # of them
 
 
 class Repeats(NamedTuple):
-    """The readings (M,) of a channel that repeat, and how its values last while it moves."""
+    """The repeated readings (M,) of a channel, and the duration of its values while it moves."""
 
-    same: np.ndarray  # (M,) True where a reading repeats the one before
-    lasting: np.ndarray  # (K,) readings that each value lasts which lies between two jumps
+    same: np.ndarray  # (M,) True if a reading repeats the previous one
+    lasting: np.ndarray  # (K,) number of readings of each value between two jumps
 
 
 def are_held(lasting: np.ndarray) -> bool:
-    """Of values between two jumps that last so many readings (K,): as many last as a driver that is too fast makes."""
+    """Return True if enough values between two jumps last more than one reading, as with a driver that is too fast."""
     return len(lasting) >= ENOUGH and bool(np.mean(lasting > 1) > HELD)
 
 
 def repeats(x: np.ndarray) -> Repeats:
-    """The repeats of a channel x (M,); what is not finite repeats nothing.
+    """Return the repeats of a channel x (M,); a value that is not finite repeats no other.
 
     >>> repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 2.0, 2.0, 5.0, 5.0, 3.0])).lasting
     array([2, 2, 1])

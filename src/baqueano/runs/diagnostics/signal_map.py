@@ -1,16 +1,16 @@
-"""The signal that each channel shows: a signed permutation of known signals, in one unit or another, by likelihood.
+"""Match each channel with a known signal by likelihood: signed permutation, unit ratio and scale.
 
     z_i = s_i r_i g_i h_π(i) + e_i,   s_i = ±1,   low_i ≤ g_i ≤ high_i                                    (1)
 
 z is measured, h is predicted from one of these: a truth, wheels, v̇ and v ω, a model. r is the ratio of two units,
 g the scale that data sheets, skidding wheels or guessed files leave open. ρ is the correlation of z_i and h_j, and N
-windows are as good as n independent ones; then the best slope gains over no relation at all
+windows contain as much information as n independent ones. Then the best slope gains, compared with no relation at all,
 
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
 
-a_e, a_h are the autocorrelations, one window apart, of the residual and of h; s the sign of the slope; r the ratio that
-is nearest to it. A relation counts from MARGIN in all and WORTH a window. Channels are swapped only if their own
-predictions explain nothing of them: one that is nearly right may correlate less than a wrong one.
+a_e, a_h are the autocorrelations, one window apart, of the residual and of h; s is the sign of the slope; r the ratio
+nearest to it. A relation counts if it gains MARGIN in all and WORTH per window. Channels are swapped only if each
+channel's own prediction explains nothing of it: a nearly right prediction may correlate less than a wrong one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,12 +24,12 @@ from baqueano.runs.maps.units import UNITS, unit
 
 MARGIN, WORTH = 5.0, 0.3  # of log L: a slope of three standard errors; 45 % of the variance
 FEW = 20  # windows
-NO_RELATION, NOTHING = 0.3, 0.05  # correlation, and what it gains a window
+NO_RELATION, NOTHING = 0.3, 0.05  # correlation, and its gain per window
 PERFECT = 1e-12  # part of the variance that rounding leaves
 
 
 class Relation(NamedTuple):
-    """The regression of a channel on a prediction, both without their means; zeros where one of them is constant."""
+    """The regression of a channel on a prediction, both minus their means; zeros if one of them is constant."""
 
     slope: float = 0.0
     correlation: float = 0.0
@@ -37,16 +37,16 @@ class Relation(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """log L of a window over that of no relation.  (2)"""
+        """Return the gain of log L per window over no relation.  (2)"""
         return -0.5 * float(np.log(max(1.0 - self.correlation**2, PERFECT)))
 
     def is_clear(self, worth: float = WORTH) -> bool:
-        """Return True for more than chance and more than `worth` a window."""
+        """Return True if the total gain exceeds MARGIN and the gain per window exceeds `worth`."""
         return self.n * self.gain > MARGIN and self.gain > worth
 
 
 class MappedChannel(NamedTuple):
-    """Scales that are believed of a channel, and what else it may be, by its ratio: a unit, or a line to write."""
+    """The plausible scales of a channel, and the unit or the line to write for each other ratio."""
 
     low: float = 0.0
     high: float = np.inf
@@ -54,18 +54,18 @@ class MappedChannel(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A row of S = signed permutation × unit ratio, as the data of one channel prefer it."""
+    """A row of S = signed permutation × unit ratio, as the data of one channel support it."""
 
-    code: str  # "" as it is, "swapped", "inverted", "unit", "scale" of no unit
-    of: int  # the prediction that the channel shows
+    code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (of no known unit)
+    of: int  # index of the prediction that the channel shows
     relation: Relation
     is_clear: bool
-    ratio: float = 1.0  # of units; NaN where none is near
+    ratio: float = 1.0  # of units; NaN if none is near
     meaning: "Diagnostic | str | None" = None  # of that ratio
 
 
 def ratios(measures: str, read_as: str) -> dict[float, str]:
-    """Return the units that a column may have that was read as another, by the ratio of what was read to the truth."""
+    """Return the units a column may have other than `read_as`, by the ratio of the read value to the true one."""
     unit_read = unit(read_as)
     si = unit_read.si if unit_read and unit_read.measures == measures else 1.0
     return {
@@ -74,7 +74,7 @@ def ratios(measures: str, read_as: str) -> dict[float, str]:
 
 
 def relation(z: np.ndarray, h: np.ndarray) -> Relation:
-    """Return the regression of z (N,) on h (N,), where both are finite; zeros for fewer than FEW windows."""
+    """Return the regression of z (N,) on h (N,) over the rows finite in both; zeros for fewer than FEW windows."""
     good = np.isfinite(z) & np.isfinite(h)
     if np.count_nonzero(good) < FEW:
         return Relation()
@@ -93,7 +93,7 @@ def relations(z: np.ndarray, h: np.ndarray) -> list[list[Relation]]:
 
 
 def _autocorrelation(x: np.ndarray, least: float = 0.0) -> float:
-    """Of x (N,) one window later; 0 if its power is not more than `least`."""
+    """Return the lag-1 autocorrelation of x (N,); 0 if the power of x is at most `least`."""
     power = float(x @ x)
     return float(x[1:] @ x[:-1]) / power if power > least else 0.0
 
@@ -101,7 +101,7 @@ def _autocorrelation(x: np.ndarray, least: float = 0.0) -> float:
 def signal_map(
     z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel], worth: float = WORTH
 ) -> list[Hypothesis]:
-    """Return what each channel of z (N, m) shows of the predictions h (N, k ≥ m): its own, the i-th, or another's."""
+    """Return which of the predictions h (N, k ≥ m) each channel of z (N, m) shows: its own, the i-th, or another."""
     of = relations(z, h)
     hypotheses = [_hypothesis(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
     swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
@@ -118,7 +118,7 @@ def signal_map(
 
 
 def _hypothesis(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypothesis:
-    """The share of a prediction in a channel."""
+    """Return the hypothesis for a channel that shows prediction `of` with the regression `r`."""
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:
         return Hypothesis("", of, r, clear)
@@ -131,7 +131,7 @@ def _hypothesis(of: int, r: Relation, channel: MappedChannel, worth: float) -> H
 
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
-    """log L that i and j gain if each shows the other's prediction, where their own explain nothing; else 0."""
+    """Return the gain of log L if i and j swap predictions; 0 if it is small or an own prediction fits."""
     pairs = [(of[a][a], of[a][b]) for a, b in _pairs(of, i, j)]
     gain = sum(candidate.n * (candidate.gain - own.gain) for own, candidate in pairs)
     clear = sum(candidate.gain - own.gain for own, candidate in pairs) > worth and gain > MARGIN
@@ -139,5 +139,5 @@ def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> flo
 
 
 def _pairs(of: Sequence[Sequence[Relation]], i: int, j: int) -> list[tuple[int, int]]:
-    """A swap of i and j; j may be a prediction that no channel has as its own."""
+    """Return the (channel, prediction) pairs of a swap of i and j; j may be a prediction without a channel."""
     return [(i, j), (j, i)] if j < len(of) else [(i, j)]

@@ -1,8 +1,8 @@
-"""The course, from two positions, against the heading of the truth.
+"""Compare the course, from two positions, with the heading of the truth.
 
-    θ = mean of exp 2i (course ∓ heading),  − as it is, + if one of the axes is mirrored                   (1)
+    θ = mean of exp 2i (course ∓ heading),  − for the axes as read, + if one of the axes is mirrored       (1)
 
-Angles are doubled: forward and backward count alike. Half the angle of θ is the offset of the heading.
+Angles are doubled, so that forward and backward motion count alike. Half the angle of θ is the offset of the heading.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ CLEAR, STEP_M, OFFSET_RAD = 0.7, 0.05, 0.35
 
 
 def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
-    """Doubts about units, axes and heading of a truth."""
+    """Yield the doubts about units, axes and heading of a truth."""
     dt, d = np.diff(truth.t_ns) / NANOSECONDS, np.diff(truth.eta, axis=0)
     speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
     if speed > FASTEST_M_S:
@@ -34,7 +34,7 @@ def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
 
 
 def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
-    """(1)"""
+    """Yield a doubt if the axes are mirrored or the heading has an offset.  (1)"""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(eta[:, :2], axis=0).T))])
     steps = np.floor(way / STEP_M)
     far = np.flatnonzero(np.diff(steps, prepend=-1.0) > 0.0)  # one pose in every STEP_M

@@ -1,4 +1,4 @@
-"""A draft of a map, from the names of the columns of a CSV file; `unit = "?"` stands where no name says the unit."""
+"""Draft a map from the column names of a CSV file; it contains `unit = "?"` if no name states the unit."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ FULL = 255.0  # counts of a duty of 8 bits
 
 
 def draft(path: Path | str) -> str:
-    """Return a map in TOML for the CSV file at `path`. FileError where its columns cannot be read."""
+    """Return a map in TOML for the CSV file at `path`. Raise FileError if its columns cannot be read."""
     path = Path(path)
     table = read_table(path, {})
     free_columns = list(table.columns)
@@ -43,7 +43,7 @@ def draft(path: Path | str) -> str:
 
 
 def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
-    """Yield each table of the map, and take its columns out of `free_columns`."""
+    """Yield each table of the map, and remove its columns from `free_columns`."""
     yield "\n[files.log]"
     if time := _take(free_columns, TIME):
         yield f'time = "{time}"\ntime_unit = "{_time_unit(table, time)}"'
@@ -80,12 +80,12 @@ def _rest(free_columns: Sequence[str]) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """Return a column's name in small letters, its words parted by _."""
+    """Return a column's name in small letters, its words separated by _."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def _take(free_columns: list[str], pattern: str) -> str:
-    """Return the first column of that name, taken out of `free_columns`; "" without one."""
+    """Return the first column whose name matches, and remove it from `free_columns`; "" without one."""
     column = next((name for name in free_columns if re.search(pattern, _plain(name))), "")
     if column:
         free_columns.remove(column)
@@ -93,7 +93,7 @@ def _take(free_columns: list[str], pattern: str) -> str:
 
 
 def _unit(name: str, measures: str) -> str:
-    """Return the unit that the end of a name says."""
+    """Return the unit at the end of a name, or UNKNOWN without a unit of this quantity."""
     words = _plain(name).split("_")
     for ending in ("_".join(words[-2:]), words[-1]):
         unit_ = unit(SPELT.get(ending, ""))
@@ -103,7 +103,7 @@ def _unit(name: str, measures: str) -> str:
 
 
 def _time_unit(table: LogTable, column: str) -> str:
-    """Return the unit of a time, by its name or by its steps."""
+    """Return the unit of a time column, by its name or by its steps."""
     unit_name = _unit(column, "time")
     if unit_name != UNKNOWN:
         return unit_name

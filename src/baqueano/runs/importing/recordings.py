@@ -1,8 +1,8 @@
-"""Other people's recordings as runs: `import_run("cpm_run_a")`, `import_runs("trials.toml", ["log.csv"])`.
+"""Import recordings as runs: `import_run("cpm_run_a")`, `import_runs("trials.toml", ["log.csv"])`.
 
-The ticks are the instants of the file that [ticks] names. `applied` is the command in force during the
-interval that ends at the tick; sensors keep their own instants and arrive with the next tick. No regular grid
-is assumed. Several files, or one that is split (sources.py), make several runs.
+The ticks are the instants of the file that [ticks] names. `applied` is the command in force during the interval that
+ends at the tick. Sensors keep their own instants and arrive with the next tick. No regular grid is assumed. Several
+files, or a file that is split (sources.py), make several runs.
 """
 
 import re
@@ -37,7 +37,7 @@ ALIKE = 3  # lines of a kind of doubt
 
 
 class ImportedRun(NamedTuple):
-    """A run from elsewhere and what was seen on the way."""
+    """An imported run and the doubts that arose during its import."""
 
     run: Run
     doubts: tuple[Doubt, ...]
@@ -48,12 +48,12 @@ class ImportedRun(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """USABLE, or WARN where something had to be left out or was doubted."""
+        """Return WARN if data had to be left out or were doubtful, else USABLE."""
         return "WARN" if any(d.level == "warning" for d in self.doubts) else "USABLE"
 
     @property
     def noticed(self) -> "ImportedRun":
-        """Return the diagnostics without those of every such import."""
+        """Return the import without the doubts that every such import has."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
 
     def __repr__(self) -> str:
@@ -62,7 +62,7 @@ class ImportedRun(NamedTuple):
         )
 
     def rows(self) -> list["TableRow"]:
-        """The doubts as flat dicts."""
+        """Return the doubts as flat dicts."""
         start = int(self.run.t_ns[0])
         return [
             {
@@ -75,7 +75,7 @@ class ImportedRun(NamedTuple):
         ]
 
     def table(self) -> str:
-        """The doubts, a line each; of more than ALIKE of a kind the first, and how many there are."""
+        """Return one line per doubt; of a kind that occurs more than ALIKE times, the first and their count."""
         many = Counter((d.level, d.code) for d in self.doubts)
         lines: dict[object, str] = {}
         for k, d in enumerate(self.doubts):
@@ -87,21 +87,21 @@ class ImportedRun(NamedTuple):
 
 
 class ImportedRuns(NamedTuple):
-    """Several runs and what was seen on the way to each."""
+    """Several imported runs, each with the doubts of its import."""
 
     each: tuple[ImportedRun, ...]
 
     @property
     def verdict(self) -> str:
-        """WARN where one of them is."""
+        """Return WARN if one of the runs has it, else USABLE."""
         return "WARN" if any(run.verdict == "WARN" for run in self.each) else "USABLE"
 
     def rows(self) -> list["TableRow"]:
-        """The doubts of all as flat dicts."""
+        """Return the doubts about all runs as flat dicts."""
         return [{"run": run.run.name} | row for run in self.each for row in run.rows()]
 
     def table(self) -> str:
-        """Return a line per kind of diagnostic: the number of runs, and the sentence of the first."""
+        """Return a line per kind of doubt: the number of runs, and the sentence of the first."""
         first: dict[tuple[str, str], Doubt] = {}
         counts: dict[tuple[str, str], int] = {}
         for run in self.each:
@@ -126,26 +126,26 @@ def import_run(
     files: list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
 ) -> ImportedRun:
-    r"""Return the run that a map makes of the files of a recording, in SI.
+    r"""Import the files of a recording by a map, and return their run in SI units.
 
     Parameters
     ----------
     column_map : ColumnMap, path or str
         A map, its path, or the name of one that comes with the package; docs/importing.md describes it.
     files : list of path or dict, optional
-        A path for each [files.NAME] by name, or one path for all that lack one in the map.
+        A path for each [files.NAME] by name, or one path for all files without a path in the map.
     vehicle_text : str
-        Text of the vehicle file, kept in the run.
+        Text of the vehicle file, stored in the run.
 
     Returns
     -------
     ImportedRun
-        The run and the doubts about it, which also stand as events in the run.
+        The run and the doubts about it, which the run also contains as events.
 
     Raises
     ------
     FileError
-        Where the recording contradicts its map, or makes several runs.
+        If the recording contradicts its map, or makes several runs.
 
     Examples
     --------
@@ -173,9 +173,9 @@ def import_runs(
     files: list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
 ) -> list[ImportedRun]:
-    """All runs that a map makes of its files: one per file that is given, one per part of a file that is
-    split, in their order. Parts with fewer ticks than a run needs are left out, which stands in the doubts of
-    the first. FileError as of `import_run`, and where no part is long enough."""
+    """Return all runs that a map makes of its files: one per given file, or one per part of a split file, in order.
+    Parts with fewer ticks than a run needs are left out; a doubt of the first run reports this. Raise FileError like
+    `import_run`, and if no part is long enough."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     runs, short, source = [], [], None
     for part in parts(m, files or {}):
@@ -202,7 +202,7 @@ def import_runs(
 
 
 def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
-    """The run of one part."""
+    """Return the run of one part, with its doubts."""
     sources, doubts = part.sources, list(part.doubts)
     first, t_ns, applied = _applied_commands(m, sources, sources[m.ticks].t_ns, doubts)
     sensors = {name: _channel(signal, sources, t_ns, doubts) for name, signal in m.sensors.items()}
@@ -235,7 +235,7 @@ def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what is not finite is not known
 def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
-    """(rows, entries) in SI, by (1) of column_map."""
+    """Return the values (rows, entries) in SI, by (1) of column_map."""
     columns = []
     for entry in signal.entries:
         unit_of_entry = unit(entry.unit)
@@ -264,13 +264,13 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _within_a_turn(angle: np.ndarray) -> bool:
-    """Return True if an angle begins again after each turn; a wheel's angle may count on."""
+    """Return True if an angle wraps after each turn; a wheel's angle may count on."""
     finite = angle[np.isfinite(angle)]
     return len(finite) > 0 and float(np.ptp(np.quantile(finite, (0.01, 0.99)))) < 2.01 * np.pi
 
 
 def _check_header(entry: Entry) -> None:
-    """A column that is called `speed [km/h]` is not in m/s."""
+    """Raise FileError if the column name has another unit than the map: `speed [km/h]` is not in m/s."""
     in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
     by_header, by_map = unit(in_header[1]) if in_header else None, unit(entry.unit)
     has_unit = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
@@ -289,7 +289,7 @@ def _check_header(entry: Entry) -> None:
 def _finite_rows(
     signal: ColumnSignal, source: Source, doubts: list[Doubt], t_ns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times, `t_ns` (rows,) if they are not the source's, and values of the rows that have all their numbers."""
+    """Return times and values of the rows without a missing number; `t_ns` (rows,) replaces the times of the source."""
     values = _values(signal, source)
     present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
     whole = np.asarray(np.isfinite(values[:, present]).all(axis=1))
@@ -305,7 +305,7 @@ def _finite_rows(
 
 
 def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
-    """(rows,) times of a signal: what changed from row to row is the rate in the middle between them."""
+    """Return the times (rows,) of a signal; a rate from a difference of rows is in the middle between them."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
     if all(entry.derivative or entry.absent for entry in signal.entries):
         return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
@@ -315,7 +315,7 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 def _applied_commands(
     m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return the count of ticks without a command, the indices of the others, and the command (N, n) in force there."""
+    """Return the number of ticks without a command, the other ticks, and the command (N, n) in force at them."""
     t_ns, u = _finite_rows(m.command, sources[m.command.file], doubts)
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])
@@ -346,7 +346,7 @@ def _span(t_ns: np.ndarray) -> str:
 def _sample(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a signal: as measured, or brought to the ticks."""
+    """Return times and values of a signal: as measured, or resampled to the ticks."""
     source = sources[signal.file]
     t_ns, values = _finite_rows(signal, source, doubts, _instants(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:

@@ -1,11 +1,11 @@
-"""The files of an import, read: which they are, their rows in the order of time, and the parts of a file that
-holds several runs.
+"""Read the files of an import: their paths, their rows in order of time, and the parts of a file with several runs.
 
     split = "COLUMN"       a part for each value of the column, in the order in which they come
-    split_gap_s = 5.0      a part begins after a pause that is longer, and where the time begins again
+    split_gap_s = 5.0      a part begins after a longer pause, and where the time begins again
 
-Files of one map that are split are matched by the value of their columns, and what follows a pause in order; a value
-that one of them lacks is left out. Of the files that are not split each part gets what lies in its time.
+If several files of one map are split, their parts are matched by the value of the column, and those between pauses
+in order. A value that is missing in one of the files is left out. Of a file that is not split, each part gets the rows
+within its time.
 """
 
 import glob
@@ -30,7 +30,7 @@ LEAST = 3  # ticks of a run
 
 
 class Source(NamedTuple):
-    """A file of the map, read: its rows in the order of time."""
+    """A file of the map after reading: its rows in order of time."""
 
     table: LogTable
     t_ns: np.ndarray  # (rows,) int64, increasing
@@ -46,15 +46,15 @@ class Part(NamedTuple):
 
 
 class SourcePiece(NamedTuple):
-    """The share of a file in a part."""
+    """The rows of one file that belong to a part."""
 
-    value: str  # of the column that splits it, "" where a pause alone does
+    value: str  # of the column that splits it; "" if only pauses do
     label: str
     table: LogTable
 
 
 def parts(m: ColumnMap, files: object) -> Iterator[Part]:
-    """Of each set of files that is given or found, the parts."""
+    """Yield the parts of each set of files that is given or found."""
     for paths in _sets(m, files):
         doubts: list[Doubt] = []
         tables = {name: _table(m, spec, paths[name], doubts) for name, spec in m.files.items()}
@@ -114,8 +114,8 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
 def _match(
     m: ColumnMap, pieces: dict[str, list[SourcePiece]], doubts: list[Doubt]
 ) -> list[tuple[str, dict[str, LogTable]]]:
-    """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files do not
-    share a value, or not as many parts of it."""
+    """Return the label of each part and its rows in each file, in the order of the ticks' file. Raise FileError if the
+    files do not share a value, or if their numbers of parts differ."""
     if not all(m.files[file].split for file in pieces):  # parts without a value are matched in order
         pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
     by_file = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
@@ -148,7 +148,7 @@ def _match(
 
 
 def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
-    """Return the values that a file lacks: their parts are left out."""
+    """Yield a doubt for each file that lacks values of another one; the parts with these values are left out."""
     for lacking, of in by_file.items():
         for file, file_values in by_file.items():
             unmatched_values = [value for value in file_values if value not in of]
@@ -161,20 +161,20 @@ def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]
 
 
 def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
-    """The column by which a file is split and these values of it, for a message."""
+    """Return the column by which a file is split, with these values of it, for a message."""
     each = list(values)
     more = f", … (+ {len(each) - 5})" if len(each) > 5 else ""
     return f"{m.files[file].split} = {', '.join(each[:5])}{more}"
 
 
 def _plain(label: str) -> str:
-    """A value as a part of a name: 3.0 is 3."""
+    """Return a value in the form for a run's name: 3.0 becomes 003."""
     number = label.removesuffix(".0")
     return number.zfill(3) if number.isdecimal() else label
 
 
 def _within(source: Source, t_ns: np.ndarray) -> Source:
-    """The rows in the time of a part, and the last one before it."""
+    """Return the rows within the time of a part, and the last one before it."""
     if len(t_ns) < 2:
         return source
     step = int(np.median(np.diff(t_ns)))
@@ -184,7 +184,7 @@ def _within(source: Source, t_ns: np.ndarray) -> Source:
 
 
 def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
-    """The map's, or that of the file where the map is for many files."""
+    """Return the name of the file if the map is for several files, else the name of the map."""
     run_paths = [
         paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
     ]
@@ -192,7 +192,7 @@ def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
 
 
 def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
-    """The path of each [files.NAME], once per run or once per file that holds several."""
+    """Return the path of each [files.NAME], one dict per set of files."""
     by_name: dict[str, Path] = {}
     pairs = [str(path).partition("=") for path in files]
     if not isinstance(files, dict) and files and all(name in m.files for name, *_ in pairs):  # NAME=PATH
@@ -228,7 +228,7 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
 
 
 def _expand(path: Path) -> list[Path]:
-    """The files that a path with * stands for."""
+    """Return the files that match a path with *."""
     if not glob.has_magic(str(path)) or path.exists():
         return [path]
     matches = sorted(glob.glob(str(path)))
@@ -262,7 +262,7 @@ def _like(folder: Path, pattern: str) -> list[Path]:
 
 
 def is_there(path: Path) -> bool:
-    """Return True if there is such a file; a name that no system takes is of none."""
+    """Return True if the file exists; False if no system accepts its name."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -270,7 +270,7 @@ def is_there(path: Path) -> bool:
 
 
 def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
-    """The files of that path, which may have *, beside the map or in a folder of recordings."""
+    """Return the files that match the path of `spec`, which may have *, next to the map or in a data folder."""
     path = spec.path or ""
     folders = [m.path.parent, *data_folders()]
     for folder in folders:
@@ -284,7 +284,7 @@ def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
 
 
 def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> LogTable:
-    """The rows of a file that `where` asks for, in the order of the file."""
+    """Return the rows of a file that satisfy `where`, in the order of the file."""
     label, column_names = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
     if bag.is_bag(path):
         table = bag.read_topic(path, spec.topic, column_names, path.name)
@@ -309,7 +309,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
 
 
 def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) -> Source:
-    """Rows with a time, in its order, the new ones alone."""
+    """Return the rows with a known, increasing time, and of these only the new measurements."""
     t_ns, valid = times(table, spec, m.start_ns, m.path.name)
     if not valid.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
@@ -326,7 +326,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) 
 
 
 def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
-    """The columns of a file that the map uses."""
+    """Return the columns of a file that the map uses."""
     signals = [m.command, *m.sensors.values(), *([m.truth] if m.truth else [])]
     rest = spec.time_rest and spec.time_rest[0]
     column_names = {
@@ -345,7 +345,7 @@ def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
 
 
 def quaternion_of(entry: Entry) -> Sequence[str]:
-    """The columns x, y, z, w of an entry that is a quaternion."""
+    """Return the columns x, y, z, w of a quaternion entry; empty for another entry."""
     if entry.quaternion is None:
         return ()
     if len(entry.quaternion) == 1:
@@ -354,7 +354,7 @@ def quaternion_of(entry: Entry) -> Sequence[str]:
 
 
 def _select(table: LogTable, spec: FileSpec) -> LogTable:
-    """The rows that `where` asks for: a value or several, or {min = …, max = …, not = …}."""
+    """Return the rows that satisfy `where`: a value or several, or {min = …, max = …, not = …}."""
     for column, condition in spec.where.items():
         limits = condition if isinstance(condition, dict) else {"is": condition}
         for comparison, limit in limits.items():
@@ -363,7 +363,7 @@ def _select(table: LogTable, spec: FileSpec) -> LogTable:
 
 
 def _mask(table: LogTable, spec: FileSpec, column: str, comparison: str, limit: Any) -> np.ndarray:
-    """(rows,) where one condition holds."""
+    """Return (rows,) bool: True for the rows that satisfy one condition."""
     if comparison in ("is", "not"):
         each = limit if isinstance(limit, list) else [limit]
         if all(isinstance(value, str | int | float) for value in each):

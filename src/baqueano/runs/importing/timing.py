@@ -1,7 +1,7 @@
 """The clock of an imported file: its time column as integer nanoseconds, and its rows in order.
 
-A time that steps back, two rows of one time that differ, a median step that no robot has: each is refused
-with the line that decides it. Gaps, jumps and plain repeats are reported.
+It refuses a time that steps back, different rows with the same time, and a median step that no robot has. The message
+contains the line for the map that resolves it. Gaps, jumps and equal repeated rows are reported.
 """
 
 import re
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, FileSpec
 
-SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
-BRIEF_S = 2.0  # a recording that is shorter shows nothing of a vehicle
-FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
+SHORTEST_S, LONGEST_S = 5e-5, 10.0  # range of the median step of a vehicle's recording
+BRIEF_S = 2.0  # a shorter recording does not show a vehicle's motion
+FAST_S, SLOW_S = 4e-4, 0.5  # shorter or longer ticks of a loop are rare
 GAP = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
-MANY = 0.1  # of the rows: so many are another run, not rows that came late
-FARTHEST_NS = 9e18  # that 64 bits hold
-JUMP_S = 600.0  # a pause that long is rather a clock that was set
+MANY = 0.1  # of the rows: if more are out of order, they are another run, not late rows
+FARTHEST_NS = 9e18  # the largest time that fits in 64 bits
+JUMP_S = 600.0  # a longer pause is probably a clock that was set
 
 
 def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
-    """(rows,) int64 times, and where they are known. FileError where they cannot be of a recording."""
+    """Return (rows,) int64 times and a mask of the known ones. Raise FileError if they cannot be of a recording."""
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
     if spec.rate_hz is not None:
         rows = table.lines - table.lines[0]
@@ -49,7 +49,7 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
         ):
             t_ns, valid = whole * factor, np.ones(len(whole), dtype=bool)
         else:
-            with np.errstate(over="ignore"):  # such a time is not known
+            with np.errstate(over="ignore"):  # a time that overflows is not known
                 t = table.numbers(spec.time) * si * NANOSECONDS
             valid = np.abs(t) < FARTHEST_NS
             t_ns = np.rint(np.where(valid, t, 0.0)).astype(np.int64)
@@ -93,7 +93,7 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
 
 
 def _ns_of(date: str) -> int:
-    """ns since 1970 of an iso8601 date; one without a zone is UTC."""
+    """Return the ns since 1970 of an iso8601 date; a date without a zone is UTC."""
     zone, ahead_min = _ZONE.search(date), 0
     if zone is not None:
         date = date[: zone.start(1)]
@@ -105,7 +105,7 @@ def _ns_of(date: str) -> int:
 def rows_in_order(
     table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", doubts: list[Doubt]
 ) -> np.ndarray:
-    """Return the rows to keep so that time increases."""
+    """Return the mask of the rows to keep so that time increases."""
     latest = np.maximum.accumulate(t_ns)
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back):
@@ -206,7 +206,7 @@ def _check_steps(
 
 
 def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
-    """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
+    """Return the doubt about rare tick rates: an error for too fast ticks, a warning for slow ones."""
     reason = note(
         "recording.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
     )
@@ -216,7 +216,7 @@ def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
 
 
 def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:
-    """Other units of time by which step and length would be those of a recording, the likeliest first."""
+    """Return the other time units that make step and length plausible, the likeliest first."""
     file_unit = unit(spec.time_unit)
     usual_s = usual / (file_unit.si if file_unit else 1.0)
     steps = {name: usual_s * unit_.si for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))}

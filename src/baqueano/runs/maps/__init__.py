@@ -1,6 +1,6 @@
-"""The map of an import: which column is which signal, in which unit, on which clock. The maps in TOML stand beside.
+"""The map of an import: signal, unit and clock of each column. The maps in TOML are in the same folder.
 
-columns, column_map    what a map says, and the reading of its text
+columns, column_map    the content of a map, and its parser
 units                  units of recordings → SI
-mount                  where the mark of a truth sits on the vehicle
+mount                  the pose of the truth's mark on the vehicle
 """

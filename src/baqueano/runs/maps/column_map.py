@@ -1,4 +1,4 @@
-"""The map of an import, in TOML: which column of which file is which signal, in which unit, on which clock.
+"""The map of an import, in TOML: file, column, signal, unit and clock of each number.
 
     [files.NAME]   path, topic (bags), time, time_unit, shift_s, where = {column = value}, new_when, …
                    split = "COLUMN", split_gap_s: many runs from one file
@@ -10,8 +10,8 @@
     value = (scale · radius · column · unit + offset) · times                                              (1)
 
 An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps, counts_per_turn}, or
-{quaternion = [x, y, z, w]}, or {constant, unit}. No default changes a number silently: what is left out and needed is
-asked for with the line to write. Every key, by examples: docs/importing.md.
+{quaternion = [x, y, z, w]}, or {constant, unit}. No default changes a number silently: if a required key is missing,
+the message shows the line to write. Every key, by examples: docs/importing.md.
 """
 
 import math
@@ -31,19 +31,19 @@ from baqueano.vehicle_file.text.toml_text import parsed
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
 ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
-LARGEST = 2**63  # of a whole number, which in Python has no end
-LONGEST = 1_000_000  # characters of a map; a recording may have any number
+LARGEST = 2**63  # limit of an integer; those of Python are unlimited
+LONGEST = 1_000_000  # characters of a map; a recording may have more
 AT_REST: dict[str, Any] = {"in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3}
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
 
 
 def maps_folder() -> Path:
-    """The maps that come with the package."""
+    """Return the folder of the maps that come with the package."""
     return Path(__file__).parent
 
 
 def data_folders() -> list[Path]:
-    """Return the folder of recordings: BAQUEANO_DATA, else ../shared/data beside this folder or the repository."""
+    """Return the folder of recordings: BAQUEANO_DATA, else ../shared/data next to this folder or the repository."""
     from_environment = os.environ.get("BAQUEANO_DATA")
     if from_environment:
         return [Path(from_environment)]
@@ -51,7 +51,7 @@ def data_folders() -> list[Path]:
 
 
 def load_map(name_or_path: Path | str) -> ColumnMap:
-    """A map by its path, or by its name one that comes with the package."""
+    """Return a map by its path, or a map of the package by its name."""
     path, shipped_path = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
     if not path.is_file() and shipped_path.is_file():
         path = shipped_path
@@ -71,7 +71,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
 
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
-    """The tables of a map. A recording may look like one whose keys are too long."""
+    """Return the tables of a map; ValueError if a file without the suffix .toml is not TOML, as a recording may be."""
     try:
         return parsed(text, path.name)
     except FileError as error:
@@ -81,26 +81,26 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
 
 
 def _beginning(path: Path) -> str:
-    """A map, or as much of a recording."""
+    """Return a map, or the first LONGEST characters of a recording."""
     with path.open(encoding="utf-8-sig") as file:
         return file.read(LONGEST)
 
 
 def _no_map(path: Path, error: ValueError) -> Diagnostic:
-    """Return the kind of a file other than TOML: by its name a map, or a recording."""
+    """Return the fault of a file that is not TOML: a wrong map if its suffix is .toml, else a recording."""
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
     fix, words = typed("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
-    place = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
+    place = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place only in its text
     if place is None:
         return fault("map.recording", fix, path=path)
     return fault("map.recording-or-wrong", fix, path=path, line=int(place[1]), column=int(place[2]))
 
 
 def _expectation(value: str, measures: str, derivative: bool) -> Diagnostic:
-    """Return what to write for an entry that measures `value` and has to measure `measures`: another unit, or a key
-    beside its unit."""
+    """Return the correction for an entry that measures `value` but must measure `measures`: another unit, or a key
+    next to its unit."""
     rate = "" if derivative else RATES.get(value, "")
     ways = {ROLLED.get(value): "rolls", rate: "rate", ROLLED.get(rate): "rate-of-rolling"}
     way = f"-or-{ways[measures]}" if measures in ways else ""
@@ -108,13 +108,13 @@ def _expectation(value: str, measures: str, derivative: bool) -> Diagnostic:
 
 
 class _Parser:
-    """Reads the tables of one map; each method one kind of table. FileError where one is not as it should be."""
+    """A parser of one map, with a method for each kind of table. It raises FileError if a table is not valid."""
 
     def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
         self.path, self.text, self.tree = path, text, tree
 
     def map(self) -> ColumnMap:
-        """The whole map."""
+        """Return the complete map."""
         top = self.keys("", self.tree, {
             "format": int, "name": str, "about": str, "accept": list, "start_ns": int, "files": dict,
             "ticks": dict, "command": dict, "sensors": dict, "truth": dict,
@@ -129,7 +129,7 @@ class _Parser:
             top, "ticks", note("expect.ticks")
         )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
-        if "command" not in top and sensors:  # of a vehicle that stands
+        if "command" not in top and sensors:  # the vehicle is at rest
             top["command"] = AT_REST | ticks
         signal, names, in_force, wheels = self.command(
             self.needed(top, "command", note("expect.table", key="command"))
@@ -141,7 +141,7 @@ class _Parser:
         )  # fmt: skip
 
     def command(self, spec: dict[str, Any]) -> tuple[ColumnSignal, tuple[str, ...], str, bool]:
-        """Read [command]: signal, names of the entries, when a row is in force, and True if it is given by wheels."""
+        """Read [command]: signal, names of its entries, `in_force`, and True if it has a command for each wheel."""
         self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
         in_force = spec.get("in_force")
         if in_force not in ("from", "until"):
@@ -164,7 +164,7 @@ class _Parser:
         return signal, names, in_force, wheels
 
     def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
-        """[files.NAME]."""
+        """Read [files.NAME]."""
         key = f"files.{name}"
         self.keys(key, spec, CSV_KEYS | {
             "path": str, "topic": str, "time": str, "time_unit": str, "time_rest": dict, "shift_s": float,
@@ -193,7 +193,7 @@ class _Parser:
         )  # fmt: skip
 
     def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
-        """Read the column of time and its unit; ("", "s") where the rows come at a given rate."""
+        """Read the column of time and its unit; ("", "s") if the rows have a constant rate."""
         in_bag, time = "topic" in spec, spec.get("time")
         if "rate_hz" in spec and time is None and not in_bag:
             if not spec["rate_hz"] > 0.0:
@@ -210,7 +210,7 @@ class _Parser:
         return time, str(time_unit)
 
     def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
-        """Read the second column of a time in two columns."""
+        """Read the second column of a time in two columns, with its unit; None without one."""
         rest = spec.get("time_rest")
         if rest is None:
             return None
@@ -225,7 +225,7 @@ class _Parser:
         return str(rest["column"]), str(rest["unit"])
 
     def sensor(self, name: str, spec: Any) -> ColumnSignal:
-        """[sensors.NAME]; of a kind of ours every entry is held to what it measures."""
+        """Read [sensors.NAME]; each entry of a known kind must measure the quantity of that kind."""
         key = f"sensors.{name}"
         self.keys(key, self.table(key, spec), {
             "file": str, "kind": str, "z": list, "sample": str, "shift_s": float,
@@ -239,7 +239,7 @@ class _Parser:
         return self.signal(key, spec, "z", measures, kind)
 
     def truth(self, spec: Any) -> ColumnSignal:
-        """[truth]: three entries, η, or six, η and ν."""
+        """Read [truth]: three entries, η, or six, η and ν."""
         kinds = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
         self.keys("truth", self.table("truth", spec), kinds)
         pose = self.signal("truth", spec, "eta", ETA, "pose")
@@ -250,7 +250,7 @@ class _Parser:
     def signal(
         self, key: str, spec: dict[str, Any], list_name: str, measures: Any, kind: str | None
     ) -> ColumnSignal:
-        """The entries under `list_name`, one for each of `measures`; None there takes any unit."""
+        """Read the entries under `list_name`, one for each of `measures`; None there accepts any unit."""
         entries = spec.get(list_name)
         if not entries or len(entries) != len(measures):
             expected = note("expect.entries", count=len(measures), measures=[m or "1" for m in measures])
@@ -277,7 +277,7 @@ class _Parser:
             raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
 
     def entry(self, key: str, spec: object, measures: str | None) -> Entry:
-        """Read an entry of a signal."""
+        """Read an entry of a signal. Raise FileError if a key is wrong or missing."""
         if not isinstance(spec, dict):
             raise self.wrong(key, spec, note("expect.entry"))
         self.keys(key, spec, {
@@ -308,7 +308,7 @@ class _Parser:
         return new_entry._replace(unit=self.unit(key, spec, measures, new_entry))
 
     def unit(self, key: str, spec: dict[str, Any], measures: str | None, entry: Entry) -> str:
-        """The unit of an entry, that measures what it should."""
+        """Return the unit of an entry. Raise FileError if it does not measure `measures`."""
         name = "rad" if entry.quaternion is not None else spec.get("unit")
         if name is None:
             expected = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
@@ -338,7 +338,7 @@ class _Parser:
         return canonical(name)
 
     def counts(self, key: str, measures: str, entry: Entry) -> None:
-        """Checks that `counts_per_turn` stands beside counts, and nowhere else."""
+        """Check that `counts_per_turn` is given for counts, and for no other unit."""
         per_turn = entry.counts_per_turn
         if measures == "counts" and not (per_turn is not None and per_turn > 0.0):
             raise self.wrong(
@@ -348,7 +348,7 @@ class _Parser:
             raise self.wrong(f"{key} counts_per_turn", per_turn, note("expect.no-counts"))
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
-        """The file that a table names; the only one where it names none."""
+        """Return the file that a table names; if it names none, the only file."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
             raise self.wrong(
@@ -357,19 +357,19 @@ class _Parser:
         return name
 
     def table(self, key: str, spec: object) -> dict[str, Any]:
-        """`spec`, that has to be a table."""
+        """Return `spec` if it is a table, else raise FileError."""
         if not isinstance(spec, dict):
             raise self.wrong(f"[{key}]", spec, note("expect.table", key=key))
         return spec
 
     def needed(self, spec: dict[str, Any], key: str, expected: Diagnostic) -> Any:
-        """Return the value of `key`, which is required."""
+        """Return the value of the required `key`; FileError if it is missing."""
         if not spec.get(key):
             raise self.wrong(key, spec.get(key), expected)
         return spec[key]
 
     def keys(self, table: str, spec: dict[str, Any], kinds: dict[str, type]) -> dict[str, Any]:
-        """`spec`, that has to hold none but the `kinds` keys, each of its type."""
+        """Return `spec` if it contains only keys of `kinds`, each with its type, else raise FileError."""
         for key, value in spec.items():
             place = f"[{table}] {key}" if table else key
             if key not in kinds:
@@ -385,7 +385,7 @@ class _Parser:
         return spec
 
     def wrong(self, place: str, value: object, expected: Diagnostic | str) -> FileError:
-        """Return what to raise: where, what was found, and what to write."""
+        """Return the error to raise: the place, the value there, and the expected value."""
         code = "map.missing" if value is None else "map.wrong"
         value_text = repr(value)[:200]
         return FileError(fault(code, map=self.path.name, place=place, found=value_text, expected=expected))

@@ -1,6 +1,6 @@
 """The content of a map: files and their clocks, signals and the source of each number.
 
-The text of a map becomes this in column_map.py, and runs are made by it in importing/.
+column_map.py parses the text of a map into these classes; importing/ makes runs with them.
 """
 
 import math
@@ -29,7 +29,7 @@ KINDS = {  # what the numbers of a sensor measure
 
 
 class FileSpec(NamedTuple):
-    """A file, or a topic of a bag, and its clock."""
+    """A file, or a topic of a bag, with its clock."""
 
     name: str
     path: str | None  # None: given on the command line
@@ -39,17 +39,17 @@ class FileSpec(NamedTuple):
     time_rest: tuple[str, str] | None  # a second column that is added to the time, and its unit
     shift_s: float
     where: "JsonObject"
-    new_when: str | None  # rows count where this column changes; the others hold the last measurement
-    repeats: str | None  # "first" or "last" of rows with one time
-    backwards: str | None  # "drop" rows that are not later than one before
+    new_when: str | None  # rows count if this column changes; the others repeat the last measurement
+    repeats: str | None  # "first" or "last": the row to keep of several with the same time
+    backwards: str | None  # "drop": leave out rows that are not later than a previous one
     split: str | None  # a new run where this column changes
-    split_gap_s: float | None  # a new run after a pause that is longer, and where the time begins again
+    split_gap_s: float | None  # a new run after a longer pause, and where the time begins again
     rate_hz: float | None  # of the rows of a file without a column of time
-    options: "JsonObject"  # how its text is read
+    options: "JsonObject"  # for reading its text
 
 
 class Entry(NamedTuple):
-    """A number of a signal."""
+    """An entry of a signal: its source in the file, its unit and its conversion."""
 
     key: str  # its place in the map
     column: str | None
@@ -58,7 +58,7 @@ class Entry(NamedTuple):
     scale: float
     offset: float
     times: str | None
-    backward: "JsonObject"  # column = the value at which the signal is meant backward
+    backward: "JsonObject"  # column = the value at which the signal counts backward
     derivative: bool
     wraps: float | None  # counts after which a counter begins again
     constant: float | None = None
@@ -67,7 +67,7 @@ class Entry(NamedTuple):
 
     @property
     def si(self) -> float:
-        """SI units of one unit of the column; of a count of an encoder the angle."""
+        """Return the SI value of one unit of the column; for an encoder the angle of one count."""
         if self.counts_per_turn is not None:
             return 2.0 * math.pi / self.counts_per_turn
         unit_of_entry = unit(self.unit)
@@ -75,29 +75,29 @@ class Entry(NamedTuple):
 
     @property
     def absent(self) -> bool:
-        """Return True if nothing measures this number."""
+        """Return True if this number is not measured: its constant is NaN."""
         return self.constant is not None and self.constant != self.constant
 
 
 class ColumnSignal(NamedTuple):
-    """A signal and where its numbers come from."""
+    """A signal and the source of its numbers."""
 
     key: str
     file: str
     kind: str | None
     sample: str
     entries: tuple[Entry, ...]
-    mount: Mount = Mount()  # of a truth; of a sensor its clock alone
+    mount: Mount = Mount()  # of a truth; for a sensor only its clock
 
 
 class ColumnMap(NamedTuple):
-    """A whole map."""
+    """A complete map."""
 
     name: str
     path: Path
     text: str
     start_ns: int  # added to all times
-    accept: frozenset[str]  # doubts that the author of the map has looked into
+    accept: frozenset[str]  # doubts that the author of the map has checked
     files: dict[str, FileSpec]
     ticks: str
     names: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Units of other people's recordings, turned to SI at this edge and nowhere else."""
+"""Units of recordings, converted to SI when they are imported and nowhere else."""
 
 import difflib
 import math
@@ -38,8 +38,8 @@ _TABLE = {
     "voltage": {"V": 1.0, "mV": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "counts": {"counts": 1.0},  # of an encoder; counts_per_turn of the map makes an angle of them
-    "raw": {"raw": 1.0},  # any others; the scale of the map makes SI of them
+    "counts": {"counts": 1.0},  # of an encoder; counts_per_turn of the map converts them to an angle
+    "raw": {"raw": 1.0},  # of any other quantity; the scale of the map converts them to SI
 }
 UNITS = {name: ColumnUnit(measures, si) for measures, units in _TABLE.items() for name, si in units.items()}
 _ALIASES = {
@@ -85,7 +85,7 @@ def unit(name: str) -> ColumnUnit | None:
 
 
 def canonical(name: str) -> str:
-    """The one spelling of a unit that is known: "deg/s" of "°/s", "dps" and "Deg/s"."""
+    """Return the standard spelling of a unit: "deg/s" for "°/s", "dps" and "Deg/s"; an unknown name is unchanged."""
     name = name.strip()
     full_name = _ALIASES.get(name, name)
     return (
@@ -94,11 +94,11 @@ def canonical(name: str) -> str:
 
 
 def near_units(name: str) -> str:
-    """Return the units that look most like `name`, for a message."""
+    """Return the units most similar to `name`, for a message."""
     near = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
     return ", ".join(near or UNITS)
 
 
 def units_of(measures: str) -> str:
-    """The units that measure this, for a message."""
+    """Return the units of a quantity, for a message."""
     return ", ".join(_TABLE[measures])

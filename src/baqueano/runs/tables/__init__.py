@@ -1,4 +1,4 @@
-"""Tables of numbers that somebody else wrote: CSV files and topics of ROS bags, as columns of text.
+"""Tables of numbers from external files: CSV files and topics of ROS bags, as columns of text.
 
 lines, cells    the text of a file, one line at a time, in little memory
 table           CSV → columns, columns → numbers

@@ -1,4 +1,4 @@
-"""Topics of ROS 1 and ROS 2 bags as tables, through `rosbags` (laptop extra), without any ROS.
+"""Read topics of ROS 1 and ROS 2 bags as tables, through `rosbags` (laptop extra), without a ROS installation.
 
 A column is a field by its path: `twist.linear.x`, `data[3]`, `pose.pose.orientation` (for quaternion = […]).
 """
@@ -26,12 +26,12 @@ BROKEN = (OSError, EOFError, ValueError, LookupError, struct.error, AssertionErr
 
 
 def is_bag(path: Path) -> bool:
-    """A ROS 1 bag, a ROS 2 bag folder or one of its files."""
+    """Return True for a ROS 1 bag, a ROS 2 bag folder or one of its files."""
     return path.suffix in SUFFIXES or (path.is_dir() and (path / "metadata.yaml").exists())
 
 
 def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> LogTable:
-    """The messages of a topic as they were recorded; columns `bag` and `header.stamp` are ns since 1970."""
+    """Return the recorded messages of a topic; columns `bag` and `header.stamp` are ns since 1970."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.serde import SerdeError
@@ -61,7 +61,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
 
 
 def _check_chunks(path: Path, label: str) -> None:
-    """Refuses a bag with a chunk that would fill the memory, for the reader of bags unpacks each at once."""
+    """Refuse a bag with a chunk that would fill the memory, because `rosbags` unpacks each chunk at once."""
     try:
         chunks = {".bag": _ros1_chunks, ".mcap": _mcap_chunks}[path.suffix]
         with path.open("rb") as file:
@@ -76,11 +76,11 @@ def _check_chunks(path: Path, label: str) -> None:
                         )
                     )
     except (Damage, KeyError, *BROKEN):
-        return  # the reader says what is wrong
+        return  # rosbags reports the fault
 
 
 def _unpack(compression: str, payload: bytes) -> bytes | memoryview:
-    """Return the content of a chunk, at most one byte more than the largest; empty if it is not packed."""
+    """Return the unpacked chunk, at most one byte more than LARGEST_CHUNK; empty if it is not compressed."""
     if compression in ("", "none"):
         return b""
     if compression == "bz2":
@@ -113,7 +113,7 @@ def _ros1_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
 
 
 def _number(message: object, path: str, label: str, topic: str) -> int | float:
-    """The number in a field; ns since 1970 of a stamp."""
+    """Return the number in a field; for header.stamp the ns since 1970."""
     value = _field(message, path, label, topic)
     if path == "header.stamp":
         return value.sec * 1_000_000_000 + value.nanosec

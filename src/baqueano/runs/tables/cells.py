@@ -1,5 +1,5 @@
-"""A column of text in as much memory as it has in its file: its cells one behind the other, each with a zero byte
-behind it. A list of strings takes ten times as much."""
+"""A column of text in as much memory as in its file: its cells one after the other, each followed by a zero byte.
+A list of strings takes ten times as much."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, overload
@@ -10,7 +10,7 @@ BLOCK = 4096  # cells that are text at the same time
 
 
 class Cells:
-    """A sequence of cells that do not change.
+    """An immutable sequence of cells.
 
     >>> cells = Cells.of(["0.1", "", "ñ"])
     >>> cells[2], cells[:2], list(cells.at(np.array([0, 2])))
@@ -23,7 +23,7 @@ class Cells:
 
     @classmethod
     def of(cls, cells: Iterable[str]) -> "Cells":
-        """Return these cells; none of them has a zero byte."""
+        """Return these cells as Cells; a cell may not contain a zero byte."""
         return cells if isinstance(cells, Cells) else cls(packed(cells))
 
     def __len__(self) -> int:
@@ -43,13 +43,13 @@ class Cells:
             yield from block.decode().split("\0")
 
     def blocks(self) -> Iterator[tuple[slice, bytes]]:
-        """Yield the rows of a block and its cells, with a zero byte between them."""
+        """Yield the rows of each block, and its cells separated by a zero byte."""
         for start in range(0, len(self), BLOCK):
             piece = self._piece(start, BLOCK)
             yield slice(start, min(start + BLOCK, len(self))), piece[:-1]
 
     def at(self, rows: np.ndarray) -> "Cells":
-        """Return the cells of these rows, which increase."""
+        """Return the cells of these rows, which must increase."""
         if not len(rows):
             return Cells(b"")
         first, count = int(rows[0]), int(rows[-1] - rows[0]) + 1
@@ -70,5 +70,5 @@ class Cells:
 
 
 def packed(cells: Iterable[str]) -> bytes:
-    """Return the bytes of cells, each with a zero byte behind it."""
+    """Return the bytes of cells, each followed by a zero byte."""
     return "".join([cell + "\0" for cell in cells]).encode()

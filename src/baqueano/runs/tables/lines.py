@@ -1,6 +1,6 @@
-"""The lines of a text file that somebody else wrote, one at a time: UTF-8 with or without BOM, UTF-16 with BOM, gzip.
+"""Read the lines of an external text file one at a time: UTF-8 with or without BOM, UTF-16 with BOM, gzip.
 
-What is read is counted against `memory_limit.allowed`, so a packed file that would fill it is refused before it does.
+The data are counted against `memory_limit.allowed`, so a packed file that would fill the memory is refused early.
 """
 
 import gzip
@@ -18,11 +18,11 @@ LONGEST = 2**20  # characters of a line
 CELL, ROW = (
     32,
     64,
-)  # bytes of memory of a cell beside its text, and of a row: numbers, times, what is made of them
+)  # bytes of memory of a cell in addition to its text, and of a row: numbers, times and derived data
 
 
 class Lines:
-    """The lines of a file from its first to its last; `number` is that of the last one."""
+    """The lines of a file from first to last; `number` is the number of the last line that was read."""
 
     def __init__(self, path: Path, encoding: str | None, label: str) -> None:
         self.path, self.encoding, self.label = path, encoding, label
@@ -44,7 +44,7 @@ class Lines:
             ) from error
 
     def take(self, size: int) -> None:
-        """Count memory. FileError where it is more than the file may take."""
+        """Count memory. Raise FileError if it is more than the file may take."""
         self.taken += size
         if self.taken > self.allowed:
             code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
@@ -84,7 +84,7 @@ class Lines:
                 ) from None
 
     def _looks_like(self, start: bytes) -> str:
-        """The encoding of a file by its first bytes. FileError where it is not a text, or not clear which."""
+        """Return the encoding of a file by its first bytes. Raise FileError if it is not text, or ambiguous."""
         zeros = start.count(0)
         if not start:
             raise FileError(fault("table.empty", file=self.label))
@@ -96,7 +96,7 @@ class Lines:
             raise FileError(fault("table.zero-bytes", file=self.label))
         even, odd = start[::2].count(0), start[1::2].count(0)
         if max(even, odd) < 0.2 * len(start) or min(even, odd) > 0.1 * max(even, odd):
-            return "utf-8-sig"  # where there are zeros their line is named
+            return "utf-8-sig"  # a line with zero bytes is reported later
         raise FileError(
             fault("table.utf-16", file=self.label, encoding="utf-16-le" if odd > even else "utf-16-be")
         )

@@ -1,7 +1,7 @@
-"""A CSV file as columns of text, and numbers out of them, with nothing guessed silently.
+"""A CSV file as columns of text, and the numbers in them; nothing is guessed silently.
 
-Read without being told: what lines.py reads; the separator when one alone fits every line; the decimal comma when no
-number can be read in two ways. Else the message says which line the map needs.
+Detected automatically: the encoding (lines.py); the separator if only one fits every line; the decimal comma if no
+number can be read in two ways. Otherwise the message contains the line that the map needs.
 """
 
 import csv
@@ -40,16 +40,16 @@ LARGEST = 1e308  # of a whole number that a double holds
 
 
 class LogTable(NamedTuple):
-    """The columns of a file."""
+    """The columns of a file, as text or numbers."""
 
     label: str  # the file, for messages
-    columns: "JsonObject"  # name → Cells, or an array (bags); None: several of that name
+    columns: "JsonObject"  # name → Cells, or an array (bags); None: several columns have that name
     lines: np.ndarray  # (rows,) line of the file, or number of the message
     decimal: str = "."
     cut: tuple[int, ...] = ()  # lines that were left out
 
     def text(self, column: str) -> Any:
-        """The column as it was read. FileError unless exactly one has that name."""
+        """Return the column as it was read. Raise FileError unless exactly one has that name."""
         import difflib
 
         if column not in self.columns:
@@ -65,12 +65,12 @@ class LogTable(NamedTuple):
         return self.columns[column]
 
     def _first_cells(self, column: str) -> str:
-        """Return the content of the file in words, for a message."""
+        """Return the first cells of a column as text, for a message."""
         cells = self.columns[column]
         return _("several columns of that name") if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
 
     def numbers(self, column: str) -> np.ndarray:
-        """(rows,) float64; NaN where the cell is empty or says so."""
+        """Return (rows,) float64; NaN if the cell is empty or one of MISSING."""
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
             return cells.astype(np.float64)
@@ -87,7 +87,7 @@ class LogTable(NamedTuple):
         return values
 
     def _number(self, cell: str, column: str, row: int) -> float:
-        """The number in a cell. FileError if it is not one."""
+        """Return the number in a cell. Raise FileError if it is not one."""
         if _NUMBER.fullmatch(cell):
             return float(cell)
         word = cell.lower()
@@ -98,7 +98,7 @@ class LogTable(NamedTuple):
         raise FileError(self._not_a_number(column, row))
 
     def integers(self, column: str) -> np.ndarray | None:
-        """(rows,) int64 where every cell is a whole number: nanoseconds since 1970 do not fit a float."""
+        """Return (rows,) int64 if every cell is an integer, else None; ns since 1970 do not fit in a float."""
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
             return cells.astype(np.int64) if cells.dtype.kind in "iu" else None
@@ -113,18 +113,18 @@ class LogTable(NamedTuple):
         return values
 
     def has(self, column: str, value: str | float) -> np.ndarray:
-        """(rows,) where a column has that value: a word as it is written, or a number."""
+        """Return (rows,) bool: True if the column has that value, a string as written or a number."""
         if isinstance(value, str):
             cells = self.text(column)
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
         return np.asarray(self.numbers(column) == (float(value) if abs(value) < LARGEST else np.inf))
 
     def only(self, keep: np.ndarray) -> "LogTable":
-        """The rows where `keep` is true."""
+        """Return the rows where `keep` is true."""
         return self if keep.all() else self.at(np.flatnonzero(keep))
 
     def at(self, rows: np.ndarray) -> "LogTable":
-        """The rows of these indices, which increase."""
+        """Return the rows of these indices, which must increase."""
         columns = {
             name: cells if cells is None else cells[rows] if isinstance(cells, np.ndarray) else cells.at(rows)
             for name, cells in self.columns.items()
@@ -142,7 +142,7 @@ class LogTable(NamedTuple):
 
 
 def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
-    """A CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table."""
+    """Read a CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table."""
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
     with_data = _with_data(lines, options.get("comment", "#"))
@@ -165,14 +165,14 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
 
 
 def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
-    """Return the lines with data, without empty ones and comments, and their numbers."""
+    """Yield the lines with data and their numbers, without empty lines and comments."""
     for line in lines:
         if line.strip() and not (comment and line.lstrip().startswith(comment)):
             yield lines.number, line
 
 
 def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """The cells of each row, and the number of its last line."""
+    """Yield the number of the last line of each row, and the cells of the row."""
     number = 0
 
     def each() -> Iterator[str]:
@@ -193,8 +193,8 @@ def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Itera
 def _columns(
     lines: Lines, rows: Iterator[tuple[int, list[str]]], width: int, delimiter: str
 ) -> tuple[list[bytearray], "array[int]", tuple[int, ...]]:
-    """The cells of each column, and the line of each row. Refuses rows of another width; a last one that was cut is
-    left out, and reported."""
+    """Return the cells of each column, the line of each row, and the lines left out. Raise FileError for rows of
+    another width; only a last row that was cut is left out."""
     columns, numbers, block = [bytearray() for _ in range(width)], array("q"), []
     uneven, wrong, number, put_at = 0, (0, 0), 0, 0
     for number, row in rows:
@@ -217,7 +217,7 @@ def _columns(
 
 
 def _append(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> None:
-    """Moves the rows of a block to the columns."""
+    """Move the rows of a block to the columns."""
     lines.take(CELL * len(columns) * len(block))
     for column, cells in zip(columns, zip(*block, strict=True), strict=False):
         data = packed(cells)
@@ -231,7 +231,7 @@ def _separator(lines: list[str], label: str) -> str:
         try:
             counts = {len(row) for row in csv.reader(lines, delimiter=separator)}
         except csv.Error:
-            continue  # its line is named where it is read
+            continue  # reading reports its line later
         if counts == {max(counts)} and max(counts) > 1:
             fits.append(separator)
     if len(fits) == 1:

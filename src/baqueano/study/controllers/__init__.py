@@ -1,12 +1,12 @@
 """`baqueano study controllers`: all controllers on the same robots of the second simulator, routes, noise and tuning.
 
-Robots that differ as parts do are identified from commands and IMU alone, as in `study driving`. Each controller has
-gains that were tuned once, on the model of the garage's vehicle, from the same number of starts; one that nothing
-compiles, as mpc, has its defaults. Each drives each route of each robot from rest, with the same noise. It is judged in
-three ways:
+Robots with the tolerances of real parts are identified from commands and IMU only, as in `study driving`. The gains of
+each controller were tuned once, on the model of the garage's vehicle, from the same number of starts. A controller that
+cannot be compiled, such as mpc, keeps its defaults. Each controller drives each route of each robot from rest, with the
+same noise. It is evaluated in three ways:
 
     pose         pose and velocity are known; the distance of the robot from its path
-    estimate     commands and IMU alone; the distance that the robot believes
+    estimate     commands and IMU only; the distance by the robot's estimate
     truth        the same drives; the true distance
 """
 
@@ -30,8 +30,8 @@ def controllers(
     seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", own: "Sequence[OwnBlock]" = (),
     kinds: Sequence[str] = KINDS, starts: int = STARTS, each: Callable[[int], None] = lambda k: None,
 ) -> Controllers:  # fmt: skip
-    """Return the drives of robots `first` … `first + seeds − 1`; `own` are controllers beside ours: "file.py:Class" or
-    a class. `starts` descents tune the gains of each. `each` hears of the robots that are done."""
+    """Return the drives of robots `first` … `first + seeds − 1`. `own` are further controllers: "file.py:Class" or
+    a class. `starts` descents tune the gains of each. `each` is called with the number of robots that are done."""
     contestants: list[Contestant] = []
     for kind in (*kinds, *own):
         contestants.append(contestant(kind, starts, backend))

@@ -1,4 +1,4 @@
-"""The drives of `study controllers`: a robot is identified, and driven by each controller along each route."""
+"""The drives of `study controllers`: each robot is identified, then driven by each controller along each route."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,23 +33,23 @@ SHAPES = {
 
 
 class Contestant(NamedTuple):
-    """A controller and its gains."""
+    """A controller with its tuned gains."""
 
     label: str
     kind: "OwnBlock"
-    gains: dict[str, float]  # that were tuned; none: the defaults
+    gains: dict[str, float]  # the tuned ones; empty: the defaults
     at_bound: tuple[str, ...]  # those that ended on a bound of the search
 
 
 class DrivenRobot(NamedTuple):
-    """The drives of a robot by how they are judged; none where its fit was refused."""
+    """The drives of a robot for each way of evaluation; empty if its fit was refused."""
 
     seed: int
     drives: dict[str, list[SweepDrive]]
 
 
 def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
-    """Return a controller with gains tuned on the garage's vehicle, or as it is where nothing compiles it."""
+    """Return a controller with gains tuned on the garage's vehicle, or with its defaults if it cannot be compiled."""
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
         return Contestant(label, kind, {}, ())
@@ -66,7 +66,7 @@ def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
 
 
 def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
-    """Return the drives of one robot."""
+    """Return the drives of one robot by all controllers."""
     robot, seeds = draw_robots(1, seed), range(seed, seed + 1)
     fit = identify(experiments(robot, seeds)[0], guess(), FREE)
     if fit.verdict == Verdict.REFUSED:
@@ -87,7 +87,7 @@ def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> Drive
 
 
 def from_origin(route: "Route") -> "Route":
-    """Return the route as seen from its first pose, where a robot of the truth begins."""
+    """Return the route relative to its first pose, where a robot of the truth begins."""
     eta = np.array([pose_error(eta, route.eta[0]) for eta in route.eta])
     eta[:, 2] = route.eta[:, 2] - route.eta[0, 2]  # it goes on over full turns
     return route._replace(eta=eta)

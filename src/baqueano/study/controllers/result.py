@@ -1,4 +1,4 @@
-"""The table of `study controllers`: each controller by three judgements, beside the paper's PD."""
+"""The table of `study controllers`: each controller in three evaluations, compared with the paper's PD."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ from baqueano.sweep.result import SweepResult
 
 JUDGED = (N_("pose"), N_("estimate"), N_("truth"))
 FIGURE = "across_rms_m"
-THIRD = 1.0 / 3.0  # of the paper's PD, which the best controller keeps with a pose that is known
+THIRD = 1.0 / 3.0  # of the paper's PD: the limit for the best controller if the pose is known
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Controllers(Result):
-    """All drives, by judgement.
+    """All drives, by way of evaluation.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Controllers(Result):
     contestants : tuple of Contestant
         The controllers and their gains, in the order of the rows.
     robots : int
-        That were identified, those whose fit was refused included.
+        Number of identified robots, including those whose fit was refused.
     refused : tuple of int
         Seeds of robots whose fit was refused: they did not drive.
     """
@@ -41,7 +41,7 @@ class Controllers(Result):
     refused: tuple[int, ...]
 
     def rows(self) -> list[TableRow]:
-        """Return a flat row per controller: median, 95 % quantile and ratio with its interval, by judgement."""
+        """Return a flat row per controller: median, 95 % quantile and ratio with its interval, by evaluation."""
         out = []
         for contestant in self.contestants:
             row: TableRow = {
@@ -65,12 +65,12 @@ class Controllers(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """WARN with reasons, else USABLE."""
+        """Return WARN if there are reasons, else USABLE."""
         return Verdict.of(self.reasons)
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return which promise is not kept."""
+        """Return a warning for each promise that is not kept."""
         out, rows = [], self.rows()
         best = min(rows[1:], key=lambda row: row["pose_ratio"], default=None)
         if best is not None and not np.isfinite(best["pose_high"]):
@@ -99,7 +99,7 @@ class Controllers(Result):
         return tuple(out)
 
     def table(self) -> str:
-        """Return the rows for people."""
+        """Return the rows as a text table."""
         head = f"{_('controller'):16}" + "".join(f"{_(view):>30}" for view in self.drives)
         under = " " * 16 + "".join(f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _view in self.drives)
         lines = [

@@ -1,7 +1,7 @@
-"""`baqueano study corridor`: does the corridor that the filter claims hold the vehicle?
+"""`baqueano study corridor`: check that the corridor claimed by the filter contains the vehicle.
 
-Vehicles of the independent truth are identified from commands and IMU alone. They follow a sinuous circle, an eight or
-a rectangle at 0.2 m/s for a minute, with the recommended filter. vehicles.py says how they differ from their files.
+Vehicles of the independent truth are identified from commands and IMU only. They follow a sinuous circle, an eight or
+a rectangle at 0.2 m/s for a minute, with the recommended filter. vehicles.py lists how they differ from their files.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ def corridor(
     backend: str = "auto",
     each: Callable[[int], None] = lambda k: None,
 ) -> Corridors:
-    """Judge the corridors of vehicles `first` … `first + vehicles − 1`; `each` hears of those that are done."""
+    """Evaluate the corridors of vehicles `first` … `first + vehicles − 1`; `each` receives the number that is done."""
     jobs = [
         (range(k, min(k + TOGETHER, first + vehicles)), backend)
         for k in range(first, first + vehicles, TOGETHER)
@@ -36,7 +36,7 @@ def corridor(
 def with_recordings(
     corridors: Corridors, backend: str = "auto", say: Callable[[str], object] = lambda text: None
 ) -> Corridors:
-    """Return the corridors of the vehicles, and those of windows of recordings."""
+    """Return the corridors of the vehicles together with those of windows of recordings."""
     ends, notes = ends_of_recordings(backend, say)
     windows = gathered(ends, 0, ())
     lost_cases = corridors.lost | windows.lost
@@ -44,7 +44,7 @@ def with_recordings(
 
 
 def judged(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
-    """Return the corridors of drives, after some seconds and at the end of each lap."""
+    """Return the corridors of drives at the times AT_S and at the end of each lap."""
     labelled_instants = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
     laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
     labelled_instants += [

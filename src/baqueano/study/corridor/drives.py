@@ -1,4 +1,4 @@
-"""Each vehicle follows a route lap by lap with the recommended filter and controller, from rest on a mark."""
+"""Drive each vehicle along a route lap by lap with the recommended filter and controller, from rest on a mark."""
 
 from typing import NamedTuple
 
@@ -19,14 +19,14 @@ EVERY_S = 1.0
 
 
 class CorridorDrive(NamedTuple):
-    """A vehicle, K instants."""
+    """The pose errors and covariances of a vehicle at K instants."""
 
     seed: int
     shape: str
     lap_s: float
-    t_s: np.ndarray  # (K,) since it set off
-    error: np.ndarray  # (K, 3) believed pose minus true pose, in the map
-    cov: np.ndarray  # (K, 3, 3) claimed
+    t_s: np.ndarray  # (K,) since it started
+    error: np.ndarray  # (K, 3) estimated minus true pose, in the map
+    cov: np.ndarray  # (K, 3, 3) of the estimate
 
 
 def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
@@ -42,7 +42,7 @@ def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
 
 
 def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[CorridorDrive]:
-    """Return the drive of each vehicle along the route of its seed."""
+    """Simulate the drive of each vehicle along the route of its seed, and return the errors."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     shapes = [list(SHAPES)[seed % len(SHAPES)] for seed in seeds]
     routes = [SHAPES[shape](SPEED_M_S) for shape in shapes]
@@ -79,12 +79,12 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
 
 
 def instants(route: Route, rest: int, ticks: int, rate_hz: float) -> set[int]:
-    """Return the ticks that are kept: every EVERY_S after the rest, and the ends of the laps."""
+    """Return the ticks to record: one every EVERY_S after the rest, and the ends of the laps."""
     laps = np.arange(1, ticks) * float(route.t_s[-1]) * rate_hz
     ends = rest + np.rint(laps[laps < ticks - rest]).astype(int)
     return {*range(rest, ticks, round(EVERY_S * rate_hz)), *ends.tolist()}
 
 
 def at(t_ns: int) -> Estimate:
-    """Return an estimate of which a guide needs the time alone."""
+    """Return an estimate for a guide that needs only its time."""
     return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))

@@ -1,11 +1,11 @@
-"""Windows of recordings: at the start of each the pose is known, at its end the corridor is judged.
+"""Windows of recordings: the pose is known at the start of each, and the corridor is checked at its end.
 
-    calibrated      the scale of the gyro by the camera of the run of the fit, known to 1 %
-    raw             the scale that the chip's data sheet tells, known to 3 %
-    odometer        calibrated, and an odometer whose scale the same camera tells
+    calibrated      the gyro scale by the camera in the run of the fit, known to 1 %
+    raw             the gyro scale by the chip's data sheet, known to 3 %
+    odometer        calibrated, and an odometer whose scale is by the same camera
 
-Fitted on one recording and judged on another, both ways round. The filter runs on through a recording; what it has
-learned of speed and biases stays, the pose begins afresh.
+Fitted on one recording and checked on another one, in both directions. The filter runs on through a recording: it keeps
+its estimates of speed and biases, and only the pose is reset.
 """
 
 from collections.abc import Callable
@@ -43,7 +43,7 @@ MOST_TICKS = 1_000_000
 def ends_of_recordings(
     backend: str = "auto", say: Callable[[str], object] = lambda text: None
 ) -> tuple[list[tuple[str, Instant]], list[str]]:
-    """Return the ends of all windows by their names, "10 s, raw", and a sentence for each recording left out."""
+    """Return the ends of all windows with their names, "10 s, raw", and a sentence for each recording left out."""
     out, notes = [], []
     for case in CASES:
         if files := missing(case):
@@ -70,7 +70,7 @@ def ends_of_recordings(
 
 
 def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
-    """Return the ends of windows that follow one another, by the filter of `file`."""
+    """Return the ends of consecutive windows, by the filter of `file`."""
     ekf, truth = file.estimator(), run.truth
     assert truth is not None
     ticks = ticks_of(run, ekf, MOST_TICKS)
@@ -98,7 +98,7 @@ def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "au
 
 
 def _belief_at(belief: "Tree", eta: np.ndarray) -> Any:
-    """The belief with a pose (3,) that is known."""
+    """Return the belief with its pose set to the known pose `eta` (3,)."""
     mean, cov = np.array(belief.mean), np.array(belief.cov)
     mean[:3], cov[:3, :], cov[:, :3] = eta, 0.0, 0.0
     cov[:3, :3] = 1e-8 * np.eye(3)
@@ -106,7 +106,7 @@ def _belief_at(belief: "Tree", eta: np.ndarray) -> Any:
 
 
 def _rows(ticks: Any, a: int, b: int) -> Any:
-    """Ticks a … b − 1 of a tree whose leaves lead with N."""
+    """Return ticks a … b − 1 of a tree whose leaves have N as first axis."""
     if isinstance(ticks, tuple):
         rows = [_rows(leaf, a, b) for leaf in ticks]
         return tuple(rows) if type(ticks) is tuple else type(ticks)(*rows)
@@ -114,7 +114,7 @@ def _rows(ticks: Any, a: int, b: int) -> Any:
 
 
 def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
-    """The file before the fit, with scales as they are known."""
+    """Return the file before the fit, with the scales of the set `name`."""
     values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
     if name != "raw":
         scales = {figure.name: figure.value for figure in calibrate(subject.fitted, subject.file).numbers}

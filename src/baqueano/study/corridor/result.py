@@ -1,11 +1,11 @@
-"""The claimed corridor of a filter: its coverage of the truth, and its width beyond need.
+"""The corridor of a filter: its coverage of the truth, and its excess width.
 
     d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
     wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)
 
-A vehicle counts while its claimed heading has at most LOST_RAD. Of few vehicles chance is allowed for: a bar is missed
-where the whole 95 % interval of a coverage (Wilson 1927) lies beyond it. A region is too wide if one WIDER times
-smaller still holds more than 95 %, by that interval.
+A vehicle counts while the standard deviation of its heading is at most LOST_RAD. With few vehicles chance is allowed
+for: a bar is missed only if the whole 95 % interval of a coverage (Wilson 1927) lies outside. A region is too wide if
+a region WIDER times smaller still covers more than 95 %, by that interval.
 """
 
 from collections.abc import Sequence
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 
 AT_S = (10.0, 20.0, 40.0, 60.0)
 COVERAGE, WIDER = (0.90, 0.98), 1.3
-OF_RECORDINGS = (0.85, 1.0)  # coverage; a recording holds a handful of windows, and its camera errs too
-FEWEST = 10  # vehicles of a row that is judged
+OF_RECORDINGS = (0.85, 1.0)  # coverage; a recording has only a few windows, and its camera has errors too
+FEWEST = 10  # vehicles of a row with a verdict
 SHARE = 0.95
 DEGREES = {"position": CHI_SQUARE_95, "heading": QUANTILE_95**2}
 
 
 class Instant(NamedTuple):
-    """Error and claim of one vehicle at one instant."""
+    """Error and covariance of one vehicle at one instant."""
 
-    error: np.ndarray  # (3,) believed minus true pose
-    cov: np.ndarray  # (3, 3) claimed
+    error: np.ndarray  # (3,) estimated minus true pose
+    cov: np.ndarray  # (3, 3) of the estimate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corridors:
-    """All instants, by their names."""
+    """The corridors of all vehicles, at instants with names."""
 
     instants: dict[str, tuple[Instant, ...]]  # "10 s", "lap 1" → the vehicles that are not lost there
     lost: dict[str, int]
@@ -49,7 +49,7 @@ class Corridors:
     notes: tuple[str, ...] = ()
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row per instant and quantity."""
+        """Return a flat row for each instant and quantity."""
         out = []
         for source, source_instants in (("simulated", self.instants), ("recorded", self.windows)):
             coverage, wider = (COVERAGE, WIDER) if source == "simulated" else (OF_RECORDINGS, np.inf)
@@ -62,7 +62,7 @@ class Corridors:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Say which bar is missed."""
+        """Return a sentence for each bar that is missed."""
         return tuple(
             _(
                 "{quantity} at {at}: coverage {coverage:.0f} %, {wider:.2f} × what is needed",
@@ -77,11 +77,11 @@ class Corridors:
 
     @property
     def verdict(self) -> Verdict:
-        """WARN where a bar is missed."""
+        """Return WARN if a bar is missed, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the coverage and width at each instant as a text table."""
         lines = [
             f"{_('at'):18}{_('quantity'):10}{_('cases'):>6}{_('lost'):>6}{_('coverage'):>10}  "
             f"{'95 %':14}{_('× needed'):>9}"
@@ -117,18 +117,18 @@ class Corridors:
 
 
 def squared(one: Instant, quantity: str) -> float:
-    """Return d².  (1)"""
+    """Return d² of the position or the heading.  (1)"""
     k = slice(0, 2) if quantity == "position" else slice(2, 3)
     return float(one.error[k] @ np.linalg.solve(one.cov[k, k], one.error[k]))
 
 
 def has_heading(one: Instant) -> bool:
-    """Return True if the claimed heading is useful."""
+    """Return True if the standard deviation of the heading is at most LOST_RAD."""
     return bool(one.cov[2, 2] <= LOST_RAD**2)
 
 
 def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
-    """Return the corridors of instants with their names, in the order in which these come first."""
+    """Return the corridors of named instants; the names keep the order of their first occurrence."""
     names = list(dict.fromkeys(name for name, _ in named))
     instants = {
         n: tuple(instant for name, instant in named if name == n and has_heading(instant)) for n in names

@@ -1,9 +1,9 @@
 """Vehicles of the independent truth with the IMU of a data sheet, each identified from commands and IMU.
 
-    gyro      scale uniform within ± 3 %; its bias walks, and is another one each time it is switched on
-    wheels    radii 2 % apart; the rest differs as parts of one bag do (truth/two_wheels.py)
+    gyro      scale uniform within ± 3 %; its bias is a random walk, and changes at each power-on
+    wheels    radii differ by 2 %; the rest has the tolerances of real parts (truth/two_wheels.py)
 
-Its file says no more: gyro_scale_std of the garage, and gyro_bias_std, with which the bias comes back.
+The vehicle file contains only gyro_scale_std of the garage, and gyro_bias_std for the bias at power-on.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ PAUSE_S = 600.0  # from the experiment to the drive
 
 
 def vehicles(seeds: Sequence[int]) -> Robots:
-    """Return the vehicles as they are in the experiment."""
+    """Return the vehicles during the experiment, with random gyro scales and unequal wheel radii."""
     robots, draws = together([draw_robots(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
     scale = np.array([1.0 + draw.uniform(-TOLERANCE, TOLERANCE) for draw in draws])
     side = np.array([draw.choice([-0.5, 0.5]) * APART for draw in draws])
@@ -33,7 +33,7 @@ def vehicles(seeds: Sequence[int]) -> Robots:
 
 
 def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
-    """Return the vehicles with the gyro's bias that they have in the drive, some minutes later."""
+    """Return the vehicles with the gyro bias of the drive, PAUSE_S after the experiment."""
     bias = robots.imu.bias.copy()
     for k, (seed, file) in enumerate(zip(seeds, files, strict=True)):
         sd = np.hypot(file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
@@ -42,7 +42,7 @@ def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[Vehic
 
 
 def identified(robots: Robots, seeds: Sequence[int], backend: str) -> list[VehicleFile | None]:
-    """Return what `identify --update` writes of each; None where the fit is refused."""
+    """Return the file of each vehicle after `identify --update`; None if the fit is refused."""
     out: list[VehicleFile | None] = []
     for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
         fit = identify(run, guess(), FREE, options=FitOptions(backend=backend))

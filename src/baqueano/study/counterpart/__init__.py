@@ -1,4 +1,4 @@
-"""Vehicles of the independent truth as the house sees them: their vehicle files, true parameters, and runs."""
+"""Vehicles of the independent truth in the form of the package: vehicle files, true parameters, and runs."""
 
 from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_numbers, car_values, with_car_numbers
 from baqueano.study.counterpart.recorded import GroupDrive, driven, readings_without_noise, recorded

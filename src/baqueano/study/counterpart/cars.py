@@ -1,7 +1,7 @@
-"""Cars of the truth as the kinematic car with drags: what of its file has a true value, and which.
+"""Cars of the truth as the kinematic car with drags: the true values of the parameters in its file.
 
-Per kilogram what is longitudinal. The steering gain and offset are those at low speed, where tyres do not slip. What
-a car on tyres does not have (one lag of the yaw rate, a drag of cornering) lacks a true value.
+Longitudinal parameters are per kilogram. The steering gain and offset are those at low speed, without tyre slip. A
+parameter that a car on tyres does not have (the lag of the yaw rate, a drag of cornering) is without a true value.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ OF_CAR: dict[str, tuple[str, int]] = {
     "model.steering_offset_rad": ("servo_offset_rad", WHOLE),
     "model.drivetrain.dead_zone_forward[0]": ("zone", 0),
 }
-BEYOND: dict[str, tuple[str, int]] = {  # what no file has by that name
+BEYOND: dict[str, tuple[str, int]] = {  # parameters that are not in a file under that name
     "tyre_n_rad[0]": ("tyre_n_rad", 0),
     "tyre_n_rad[1]": ("tyre_n_rad", 1),
     **{name: (name, WHOLE) for name in ("lag_s", "delay_s", "servo_lag_s")},
@@ -43,14 +43,14 @@ def car_values(cars: Cars) -> dict[str, np.ndarray]:
 
 
 def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
-    """Return all numbers (n,) that a run has to tell apart: those of a file, what is beyond it, and the biases."""
+    """Return all unknown numbers (n,) of a run: those of a file, those of BEYOND, and the biases."""
     out = car_values(cars) | {path: column(getattr(cars, name), k) for path, (name, k) in BEYOND.items()}
     del out[SPEED]
     return out | {path: column(getattr(cars.imu, name), k) for path, (name, k) in BIASES.items()}
 
 
 def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
-    """Return the cars with these (n,) of the numbers of `car_numbers`: its inverse."""
+    """Return the cars with these values (n,) of numbers of `car_numbers`, as its inverse."""
     before = car_numbers(cars)
     car_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}
@@ -76,7 +76,7 @@ def speed_at(x: np.ndarray) -> np.ndarray:
 
 
 def car_file(car: Cars) -> VehicleFile:
-    """Return the file of one car: true where a truth exists, else plausible."""
+    """Return the file of one car, with true values if they exist, else plausible ones."""
     value = {path: float(v[0]) for path, v in car_values(car).items()}
     a, b = car.axle_m[0]
     imu, zone = car.imu, [*car.zone[0]]

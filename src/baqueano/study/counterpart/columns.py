@@ -1,4 +1,4 @@
-"""Columns of the parameters of vehicles side by side: how a path of a vehicle file finds the numbers of the truth."""
+"""Columns of the parameters of a group of vehicles: they link a path of a vehicle file to the numbers of the truth."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ BIASES = {  # path → field of Imus, column
 
 
 def column(values: np.ndarray, k: int) -> np.ndarray:
-    """Return column k (n,) of an array of the truth, or the whole of it."""
+    """Return column k (n,) of an array of the truth, or the whole array for WHOLE."""
     return (values if k == WHOLE else values[:, k]).copy()
 
 
 def add(changed: dict[str, np.ndarray], owner: object, at: tuple[str, int], by: np.ndarray) -> None:
-    """Add `by` (n,) to a column of a field of `owner`, in `changed`, where its other columns may stand already."""
+    """Add `by` (n,) to a column of a field of `owner` in `changed`, which may contain other changes of the field."""
     name, k = at
     changed.setdefault(name, getattr(owner, name).copy())
     changed[name][... if k == WHOLE else (slice(None), k)] += by

@@ -1,4 +1,4 @@
-"""Vehicles of the truth, driven: commands in, runs out, as a logger on board writes them."""
+"""Drive vehicles of the truth: commands in, runs out, as a logger on board would write them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,18 +14,18 @@ from baqueano.vehicle_file import VehicleFile
 
 
 class GroupDrive(NamedTuple):
-    """n vehicles over N ticks."""
+    """The drives of n vehicles over N ticks."""
 
     t_ns: np.ndarray  # (N,)
     z: np.ndarray  # (N, n, 3) readings of the IMU
     quiet: np.ndarray  # (N, n, 3) without noise
     truth: np.ndarray  # (N, n, 9) η, ν, ν̇
-    rolled: np.ndarray  # (N, n) speed at which the wheels roll
-    wandered: np.ndarray  # (n, 3) by which the biases walked, mean of all ticks
+    rolled: np.ndarray  # (N, n) speed of the rolling wheels
+    wandered: np.ndarray  # (n, 3) drift of the biases, mean of all ticks
 
 
 def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray) -> GroupDrive:
-    """Return what the vehicles show under the commands u (N, n, m), each in force until its tick."""
+    """Return the drives of the vehicles under the commands u (N, n, m), each in force until its tick."""
     world, n = world_of(vehicles, seeds, STEP_S), len(seeds)
     z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
     drift, wheel_travel = np.zeros((n, 3)), np.zeros((len(u), n))
@@ -40,7 +40,7 @@ def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: n
 def readings_without_noise(
     vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, step_s: float
 ) -> np.ndarray:
-    """Return what IMUs would show (N, n, 3) without noise, integrated in steps of `step_s`."""
+    """Return the readings (N, n, 3) of IMUs without noise, integrated in steps of `step_s`."""
     world, quiet = world_of(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         world.go(u[k], float(dt_s))
@@ -49,7 +49,7 @@ def readings_without_noise(
 
 
 def recorded(shown: GroupDrive, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
-    """Return the run of vehicle `k` under u (N, m); an odometer reads where the file has one."""
+    """Return the run of vehicle `k` under u (N, m); with an odometer if the file has one."""
     t_ns, truth = shown.t_ns, shown.truth[:, k]
     channels = {"imu": Channel(t_ns, t_ns, shown.z[:, k])}
     if "odometer" in file.sensors._fields:

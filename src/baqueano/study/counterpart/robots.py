@@ -1,12 +1,12 @@
-"""Robots of the truth as planar vehicles: what each parameter of the file truly is, and robots with other ones.
+"""Robots of the truth as planar vehicles: the true values of the file's parameters, and robots with other values.
 
-A wheel pushes with F = g K and toes by τ, its arm is w:
+A wheel with toe angle τ and arm w pushes with F = g K:
 
     X_i = F_i cos τ_i, Y_i = F_i sin τ_i:   T_00 = X_l + X_r,  T_02 = X_r − X_l,  T_10 = Y_l + Y_r,  T_12 = Y_r − Y_l
     T_20 = X_r w_r − X_l w_l,  T_22 = X_r w_r + X_l w_l                                                   (1)
 
-The file lies about nothing that a scale tells: mass, and with it the inertia, to which all about z is relative.
-Of a tilt and a bias of the accelerometers a run shows only the sum. So the file holds the tilt, and the bias is free.
+The mass of the file is right, because a scale measures it; so is the inertia, the reference of all terms about z.
+A run shows only the sum of a tilt and an accelerometer bias. So the file contains the tilt, and the bias is free.
 """
 
 from collections.abc import Mapping
@@ -57,7 +57,7 @@ def robot_values(robots: Robots) -> dict[str, np.ndarray]:
 
 
 def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
-    """Return the robots with these true values (n,) of some parameters: the inverse of `robot_values`."""
+    """Return the robots with these true values (n,) of some parameters, as the inverse of `robot_values`."""
     new = robot_values(robots) | dict(values)
     robot_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}
@@ -80,7 +80,7 @@ def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
 
 
 def robot_file(robot: Robots) -> VehicleFile:
-    """Return the file of one robot as it truly is."""
+    """Return the file of one robot with its true values."""
     value = {path: float(v[0]) for path, v in robot_values(robot).items()}
     matrix = [[value.get(f"{T}[{i},{j}]", 0.0) for j in range(3)] for i in range(3)]
     arrays = {

@@ -1,4 +1,4 @@
-"""A vehicle of the truth as a world of the loop: commands are written to it, ticks with its IMU are read from it."""
+"""A vehicle of the truth as a world of the loop: it receives commands and returns ticks with its IMU."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,12 +13,12 @@ from baqueano.symbolic import function
 ROBOT_STEP_S, CAR_STEP_S = (
     5e-3,
     1e-3,
-)  # of Runge and Kutta: a third of the shortest time constant, tyres at rest
-FEW = 3  # vehicles; NumPy takes as long for one as for fifty, and more make a long text to compile
+)  # of Runge-Kutta: a third of the shortest time constant, that of tyres at rest
+FEW = 3  # vehicles; NumPy takes as long for one as for fifty, and more of them give a long code to compile
 
 
 def world_of(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None) -> TruthWorld:
-    """Return a world of these vehicles, at rest at the origin; `step_s` is the longest that is exact enough."""
+    """Return a world of these vehicles, at rest at the origin; the default `step_s` is short enough to be exact."""
     if step_s is None:
         step_s = ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S
     fast = function if len(seeds) <= FEW and vehicles.transmission.is_ideal else _as_written
@@ -30,8 +30,8 @@ def _as_written(f: Callable[..., Any], *examples: np.ndarray) -> Callable[..., A
 
 
 class LoopWorld(protocols.World):
-    """A vehicle, at rest at the origin, with an IMU that is read `rate_hz` times a second. A written command
-    is in force from the next tick on; until then it is zero."""
+    """A vehicle, initially at rest at the origin, with an IMU that is read `rate_hz` times a second. A written command
+    is in force from the next tick on; before the first one the command is zero."""
 
     def __init__(self, vehicle: Robots | Cars, seed: int, rate_hz: float) -> None:
         self.commands: int = vehicle.commands
@@ -42,7 +42,7 @@ class LoopWorld(protocols.World):
         self.motion = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))  # of the last tick
 
     def read(self, t_ns: int) -> list[Tick]:
-        """Return all ticks up to `t_ns`."""
+        """Return all ticks up to `t_ns` that were not read yet."""
         ticks = []
         while (next_ns := round((self._count + 1) * NANOSECONDS / self._rate_hz)) <= t_ns:
             z = self._world.tick(self._u[None], 1.0 / self._rate_hz)[0]
@@ -55,10 +55,10 @@ class LoopWorld(protocols.World):
         return ticks
 
     def write(self, command: Command) -> None:
-        """Take the command for the ticks that follow."""
+        """Set the command for the following ticks."""
         self._u = np.array(command.u, dtype=float)
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and motion of every tick since this was last asked."""
+        """Return time [ns] and motion of every tick since the previous call."""
         truths, self._truths = self._truths, []
         return truths

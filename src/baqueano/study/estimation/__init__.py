@@ -1,4 +1,4 @@
-"""Estimators judged against the model and against plain integration: recordings, and an independent truth."""
+"""Evaluate estimators against the model and plain integration, on recordings and on an independent truth."""
 
 from collections.abc import Callable, Sequence
 
@@ -21,8 +21,8 @@ def estimation(
     kinds: Sequence[str] = (),
     processes: int = 1,
 ) -> EstimationStudy:
-    """Judge estimators on the recordings among `cases`, and on `seeds` simulated vehicles; `kinds` are those of the
-    estimators, else the file's. FileError, with the names of the files, where there is nothing to judge by."""
+    """Evaluate estimators on the recordings among `cases`, and on `seeds` simulated vehicles. `kinds` are kinds of
+    estimator, else the file's. Raise FileError with the names of the files if nothing can be evaluated."""
     out, left_out = [], []
     for name in (name for name in cases if name in SUBJECTS):
         if files := missing(name):

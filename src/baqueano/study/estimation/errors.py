@@ -1,8 +1,8 @@
-"""Squared errors of an estimate beside those of its reference, in blocks of one run, and the ratio of both.
+"""Squared errors of an estimate and of its reference, in blocks of one run, and their ratio.
 
-Speed is ν_x. Positions are those after the first true pose: path and truth coincide there, in position and
-heading. A window of T begins afresh at its first true pose. Blocks are the windows, pieces of 10 s of the speed, and
-the whole run as one. Its errors of position are one draw of the errors of heading.
+Speed is ν_x. Positions are relative to the first true pose: path and truth coincide there, in position and heading. A
+window of T is aligned anew at its first true pose. Blocks are the windows for positions, segments of 10 s for the
+speed, and the whole run as one block: its position errors are one draw of the heading errors.
 
     ratio = √(Σ_b e_b² / Σ_b ẽ_b²),   its interval by drawing whole blocks b with replacement             (1)
 """
@@ -26,32 +26,32 @@ WHOLE = N_("position, whole run [m rms]")
 QUANTITIES = (SPEED, WHOLE, N_("position, 10 s [m rms]"), N_("position, 20 s [m rms]"))
 
 
-class Beside(NamedTuple):
-    """Sums of squares over B blocks."""
+class BlockSums(NamedTuple):
+    """Sums of squared errors over B blocks, of the estimate and of its reference."""
 
     ours: np.ndarray  # (B,)
     reference: np.ndarray  # (B,)
-    samples: np.ndarray  # (B,) how many
+    samples: np.ndarray  # (B,) number of samples
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Ours and the reference's."""
+        """Return the rms error of the estimate and that of the reference."""
         n = max(float(np.sum(self.samples)), 1.0)
         return float(np.sqrt(np.sum(self.ours) / n)), float(np.sqrt(np.sum(self.reference) / n))
 
     @property
     def ratio(self) -> tuple[float, float, float]:
-        """The ratio and its interval of 95 %, NaN of few blocks.  (1)"""
+        """Return the ratio and its 95 % interval, which is NaN for few blocks.  (1)"""
         return ratio_of_blocks(self.ours, self.reference)
 
 
-def joined(parts: Sequence[Beside]) -> Beside:
-    """Return the blocks of several runs."""
-    return Beside(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+def joined(parts: Sequence[BlockSums]) -> BlockSums:
+    """Return the blocks of several runs joined into one."""
+    return BlockSums(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 class EstimatedPath(NamedTuple):
-    """Pose and speed by somebody at the ticks."""
+    """Pose and speed at the ticks, by an estimator or a reference."""
 
     eta: np.ndarray  # (N, 3)
     speed: np.ndarray  # (N,)
@@ -59,7 +59,7 @@ class EstimatedPath(NamedTuple):
 
 def beside(
     t_ns: np.ndarray, ours: EstimatedPath, reference: EstimatedPath, truth: TruthLog
-) -> dict[str, Beside]:
+) -> dict[str, BlockSums]:
     """Return the errors of both at the ticks `t_ns` (N,) against the truth, by quantity."""
     eta, speed, t_s = poses_at(t_ns, truth.t_ns, truth.eta), true_speed(t_ns, truth), seconds(t_ns, t_ns[0])
     pieces = (t_s // BLOCK_S).astype(int)
@@ -75,22 +75,22 @@ def beside(
 
 
 def _off(eta: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Squared distance (N,) after the first true pose, where both coincide."""
+    """Return the squared distance (N,) from the truth, aligned at the first true pose."""
     if not np.isfinite(true).all(axis=1).any():
         return np.full(len(eta), np.nan)
     return absolute(aligned(eta, true, "start"), true).position_m ** 2
 
 
 def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
-    """Rows of windows that follow one another; a run that is shorter is one window."""
+    """Return the rows of consecutive windows; a shorter run is one window."""
     count = max(1, int((t_s[-1] + 0.05 * window_s) / window_s))
     return [np.flatnonzero((t_s >= k * window_s) & (t_s < (k + 1) * window_s)) for k in range(count)]
 
 
-def _sums(estimate: np.ndarray, reference: np.ndarray, block: np.ndarray) -> Beside:
+def _sums(estimate: np.ndarray, reference: np.ndarray, block: np.ndarray) -> BlockSums:
     finite, size = np.isfinite(estimate) & np.isfinite(reference), int(block[-1]) + 1
     sums = [
         np.bincount(block[finite], x[finite], size) for x in (estimate, reference, np.ones(len(estimate)))
     ]
     some = sums[2] > 0
-    return Beside(*(x[some] for x in sums))
+    return BlockSums(*(x[some] for x in sums))

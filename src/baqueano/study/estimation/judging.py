@@ -14,7 +14,7 @@ from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import true_speed
-from baqueano.study.estimation.errors import Beside, EstimatedPath, beside
+from baqueano.study.estimation.errors import BlockSums, EstimatedPath, beside
 from baqueano.study.estimation.references import integrated, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
@@ -22,22 +22,22 @@ from baqueano.vehicle_file.build import DEFAULT_KIND
 
 
 class JudgedEstimate(NamedTuple):
-    """An estimator on a run."""
+    """The evaluation of an estimator on a run."""
 
     recording: str
     sensors: str
     estimator: str
-    errors: dict[str, Beside]
+    errors: dict[str, BlockSums]
     consistency: FilterConsistency
     nees_speed: Band
     fit: str  # the verdict of its fit
-    stopped: str  # why the replay stopped, "" if it did not
+    stopped: str  # the reason why the replay stopped, "" if it did not
 
 
 def judged(
     subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto"
 ) -> list[JudgedEstimate]:
-    """Return each estimator of `kinds` on the run of the subject; without any, the one of its file."""
+    """Evaluate each estimator of `kinds` on the run of the subject; without any, the one of its file."""
     fit, file = fitted(subject, sensors, backend)
     run = subject.judged
     assert run.truth is not None
@@ -69,7 +69,7 @@ def judged(
 
 
 def fitted(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
-    """Return the fit, and what `baqueano identify RUN --update` writes unless it is refused."""
+    """Return the fit, and the file that `baqueano identify RUN --update` writes unless the fit is refused."""
     fit = identify(
         subject.fitted,
         with_sensors(subject.file, SETUPS[sensors]),

@@ -1,12 +1,12 @@
-"""The references of an estimator: the model from the commands alone, and plain integration of the readings.
+"""The references of an estimator: the model from the commands only, and plain integration of the readings.
 
-Both begin where the run begins. With the gyro's reading ω and the odometer's s, of the calibration in the file:
+Both begin at the initial pose of the run. ω is the reading of the gyro, s that of the odometer, calibrated by the file:
 
-    ν̂     the model under the commands of the run alone                                                   (1)
-    r = (ω − bias) / scale,   v = s / scale; where there is no odometer, v = ν̂_x                           (2)
+    ν̂     the model under the commands of the run only                                                    (1)
+    r = (ω − bias) / scale,   v = s / scale; without an odometer v = ν̂_x                                   (2)
     ψ = ψ₀ + ∫ r,   p = p₀ + ∫ R(ψ) (v, ν_y),   ν_y = l r of a car, l from the rear axle; else ν̂_y         (3)
 
-Integrals are trapezoids, the heading is that in the middle; a missing reading is read between its neighbours.
+Integrals are trapezoids with the heading in the middle; a missing reading is interpolated between its neighbours.
 """
 
 from typing import TYPE_CHECKING
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str = "auto") -> np.ndarray:
-    """Return ν (N, 3) at the ticks by the model of `file`; `start` (3,) is a pose, (6,) pose and velocity.  (1)"""
+    """Return ν (N, 3) at the ticks by the model of `file`; `start` is a pose (3,), or pose and velocity (6,).  (1)"""
     vehicle, record = file.vehicle, record_of(run, {})
     begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
-    if np.any(start[3:] != 0.0):  # it moves, so it has had a command before
+    if np.any(start[3:] != 0.0):  # a moving vehicle has had a command before
         begin = begin._replace(drivetrain=vehicle.drivetrain.settled(record.u[0]))
 
     def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
@@ -40,7 +40,7 @@ def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str =
 
 
 def integrated(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Return η (N, 3) at the ticks; `nu` (N, 3) is the model's.  (2), (3)"""
+    """Return η (N, 3) at the ticks by integration; `nu` (N, 3) is the velocity by the model.  (2), (3)"""
     sensors = file.sensors._asdict()
     imu, odometer = sensors["imu"], sensors.get("odometer")
     r = (_readings(run, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
@@ -57,7 +57,7 @@ def integrated(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarra
 
 
 def _readings(run: "Run", sensor: str, entry: int) -> np.ndarray:
-    """(N,) a channel at the ticks, between its readings."""
+    """Return a channel (N,) at the ticks, interpolated between its readings."""
     channel = run.sensors[sensor]
     finite = np.isfinite(channel.z[:, entry])
     return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), channel.z[finite, entry])

@@ -1,11 +1,11 @@
-"""The result of `study estimation`: each estimator beside its references, on each recording and pooled.
+"""The result of `study estimation`: each estimator and its references, on each recording and pooled.
 
     pooled ratio     √(Σ e² / Σ ẽ²) over all recordings, its interval by drawing whole blocks            (1)
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
 
-A long way off weighs more in (1); every recording weighs alike in (2). Bars are on (1), and on what one recording
-shows: its ratio may not be significantly above ALONE. A fit that is refused is not written: its recording is not held
-to a bar.
+A large error weighs more in (1); all recordings have equal weight in (2). Bars apply to (1), and to single recordings:
+the ratio of a recording may not be significantly above ALONE. A refused fit is not written: no bar applies to its
+recording.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 REFUSED = Verdict.REFUSED
 ALONE = 1.10
 POOLED, SPEED_WITH_ODOMETER, GOAL = 1.0, 0.7, 0.7
-NEES, NIS, WHITE = (0.4, 1.6), (0.85, 1.15), 0.12  # where those of a recording are to lie
+NEES, NIS, WHITE = (0.4, 1.6), (0.85, 1.15), 0.12  # the required ranges for a recording
 AGAINST = {
     True: N_("the model from the commands alone"),
     False: N_("plain integration with the same calibration"),
@@ -36,19 +36,19 @@ AGAINST = {
 
 @dataclass(frozen=True, slots=True)
 class EstimationStudy:
-    """Recordings, then robots and cars of the independent truth."""
+    """The evaluated recordings, then robots and cars of the independent truth."""
 
     judged: tuple["JudgedEstimate", ...]
     simulated: tuple["JsonObject", ...] = ()  # rows: the share that is not worse
-    vehicles: tuple["JsonObject", ...] = ()  # rows: each of them, for machines alone
-    notes: tuple[str, ...] = ()  # what was not judged, in sentences
+    vehicles: tuple["JsonObject", ...] = ()  # rows: one for each vehicle, only for machine use
+    notes: tuple[str, ...] = ()  # sentences on what was not evaluated
 
     def rows(self) -> list["TableRow"]:
-        """recording, estimator, quantity, value, reference, ok; of a ratio also its interval: ratio, low, high."""
+        """Return all rows: recording, estimator, quantity, value, reference, ok; for a ratio also ratio, low, high."""
         return [*self.rows_shown(), *self.vehicles]
 
     def rows_shown(self) -> list["TableRow"]:
-        """The rows without those of each simulated vehicle."""
+        """Return the rows without those of each simulated vehicle."""
         own = [
             row | ({"ok": None} if estimate.fit == REFUSED else {})
             for estimate in self.judged
@@ -57,7 +57,7 @@ class EstimationStudy:
         return [*own, *self.pooled(), *self.simulated]
 
     def pooled(self) -> list["TableRow"]:
-        """Return a row per set of sensors, estimator and quantity: ratio, beside the bar."""
+        """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with its bar."""
         out = []
         fitted = [estimate for estimate in self.judged if estimate.fit != REFUSED]
         groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in fitted)
@@ -88,7 +88,7 @@ class EstimationStudy:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """The bars that are missed."""
+        """Return a sentence for each replay that stopped and each bar that is missed."""
         stops = [
             f"{estimate.recording}, {estimate.estimator}: {estimate.stopped}"
             for estimate in self.judged
@@ -111,11 +111,11 @@ class EstimationStudy:
 
     @property
     def verdict(self) -> Verdict:
-        """WARN where a bar is missed."""
+        """Return WARN if a bar is missed or a replay stopped, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the rows, notes and verdict as a text table."""
         rows = self.rows_shown()
         wide = {
             key: max(len(_(key)), *(len(_(r[key])) for r in rows))
@@ -183,7 +183,7 @@ class EstimationStudy:
 
 
 def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> "JsonObject":
-    """Return a row whose value is to be at most its bar."""
+    """Return a row with a value, its bar, and True if the value is at most the bar."""
     return {
         "recording": recording, "estimator": estimator, "quantity": quantity, "value": value, "reference": bar,
         "ok": bool(value <= bar),
@@ -201,7 +201,7 @@ def _of_one(estimate: "JudgedEstimate") -> list["TableRow"]:
 
 
 def _of_consistency(estimate: "JudgedEstimate") -> list["TableRow"]:
-    """NEES and NIS beside 1, and the lag-1 correlation of each innovation beside 0."""
+    """Return rows with NEES and NIS compared with 1, and the lag-1 autocorrelation of each innovation with 0."""
     consistency, out = estimate.consistency, []
     figures = {
         _("NEES of the pose"): (consistency.nees_pose, None),

@@ -1,13 +1,14 @@
-"""Robots and cars of the independent truth, with physics that the model lacks, fitted and judged like recordings.
+"""Robots and cars of the independent truth, with physics that the model lacks, fitted and evaluated like recordings.
 
     slip            wheels that slip: a robot's beyond 0.4 to 0.8 N, a car's soft tyres sideways too, at full lock
     backlash        gears with 1 to 5 mm of play at the rim
     slope           a floor that rises by 2 to 6°
     second lag      motors of the second order: 40 to 120 ms come before the lag
 
-Each is a number of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random steps, all
-free that a user would free, and judged on 40 s of other ones. An odometer counts the turning of the wheels, with
-0.02 m/s. Not worse: a ratio of at most ALONE. A fit that is refused is not written, and its vehicle not judged.
+Each is a number of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random steps, with
+the free parameters that a user would choose, and evaluated on 40 s of other steps. An odometer measures the rotation of
+the wheels, with noise of 0.02 m/s. "Not worse" is a ratio of at most ALONE. A refused fit is not written, and its
+vehicle is not evaluated.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 SECONDS = 40.0
 SHARE, ALONE = 0.95, 1.10
 TOGETHER = 8  # vehicles that are simulated side by side
-OTHER = 10_000  # added to a seed, for the signal and the noise of the run that is judged
+OTHER = 10_000  # added to a seed, for the signal and the noise of the evaluation run
 FULL_LOCK = {"command.limit": [0.6, 0.8]}
 ODOMETER = '\n[sensors.odometer]\nkind = "odometer"\nrate_hz = 100.0\nnoise_std = 0.02\n'
 
@@ -52,16 +53,16 @@ class EstimationJob(NamedTuple):
 
 
 class SimulatedOutcome(NamedTuple):
-    """A vehicle."""
+    """The evaluation of one simulated vehicle."""
 
     seed: int
     lacking: str
     judged: tuple[JudgedEstimate, ...]  # each set of sensors, each estimator
-    failed: str  # why there is nothing to judge
+    failed: str  # the error that prevented an evaluation, or ""
 
 
 def slip(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
-    """Return the vehicle on wheels that slip, a car on tyres that are soft too."""
+    """Return the vehicle with wheels that slip; a car also has soft tyres."""
     if isinstance(q, Robots):
         return q.changed(transmission=q.transmission.changed(grip_n=draw.uniform(0.4, 0.8, 1)))
     tyres = {"tyre_n_rad": np.array([[15.0, 22.0]]), "grip_n": np.full((1, 2), 2.2)}
@@ -88,14 +89,14 @@ LACKING = {N_("slip"): slip, N_("backlash"): backlash, N_("slope"): slope, N_("s
 
 
 def lacking(seed: int) -> tuple[str, str]:
-    """Return what the model of that seed lacks, and its vehicle."""
+    """Return the effect that the model of that seed does not include, and its kind of vehicle."""
     return list(LACKING)[seed % len(LACKING)], VEHICLES[seed // len(LACKING) % len(VEHICLES)]
 
 
 def simulated(
     seeds: int, kinds: Sequence[str], backend: str, processes: int, each: Callable[[int], None] | None = None
 ) -> list[SimulatedOutcome]:
-    """Return the outcomes of vehicles at seeds from 0 on."""
+    """Return the outcomes of vehicles with seeds 0 … `seeds` − 1."""
     jobs = []
     for vehicle in VEHICLES:
         some = [seed for seed in range(seeds) if lacking(seed)[1] == vehicle]
@@ -107,7 +108,7 @@ def simulated(
 
 
 def work(job: EstimationJob) -> list[SimulatedOutcome]:
-    """Return the outcomes of a job."""
+    """Return the outcomes of the vehicles of a job."""
     out = []
     for seed, test_subject in zip(job.seeds, _subjects(job), strict=True):
         estimates, failure = [], ""
@@ -121,7 +122,7 @@ def work(job: EstimationJob) -> list[SimulatedOutcome]:
 
 
 def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
-    """Return the share that is not worse, by lack and over all: a row per set of sensors, estimator and quantity."""
+    """Return the share of vehicles that are not worse, a row per set of sensors, estimator, lack and quantity."""
     out = []
     all_judged = [
         (outcome.lacking, j) for outcome in outcomes for j in outcome.judged if j.fit != Verdict.REFUSED
@@ -159,7 +160,7 @@ def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
 
 
 def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
-    """Return how many there were, and what was not judged."""
+    """Return a sentence with the number of vehicles, refused fits and failures."""
     refusals = sum(j.fit == Verdict.REFUSED for outcome in outcomes for j in outcome.judged)
     failures = [outcome.failed for outcome in outcomes if outcome.failed]
     details = f": {'; '.join(failures[:2])}" if failures else ""
@@ -189,13 +190,13 @@ def _subjects(job: EstimationJob) -> list[Subject]:
         first, second = (
             recorded(drive, j, signals[j], file, f"seed {seeds[j]}", seeds[j]) for j in (2 * k, 2 * k + 1)
         )
-        first = replace(first, truth=None)  # who fits on a floor knows no truth
+        first = replace(first, truth=None)  # a fit on the floor is without a truth
         out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", file, first, second, free))
     return out
 
 
 def _file(of: Driven, seed: int) -> Any:
-    """The file of the subject with an odometer; a car whose tyres slip may steer to the end."""
+    """Return the subject's file with an odometer; a car with slipping tyres gets its full steering range."""
     if "odometer" not in of.file.sensors._fields:
         return parse(of.file.text + ODOMETER, of.file.name)
     return of.file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else of.file

@@ -1,10 +1,10 @@
-"""Runs to fit to and runs to judge on, with the vehicle file that the fit begins from.
+"""Runs for the fit and runs for the evaluation, with the initial vehicle file of the fit.
 
-    cpm             a car of 1:18 under a camera, two runs: each fitted, judged on the other
+    cpm             a car of 1:18 under a camera, two runs: each fitted, evaluated on the other
     dart            a JetRacer of 1:10 under a Vicon, driven freely twice: likewise
     dart bag        the same car on another day, a bag, by each of these two fits
 
-Each with its IMU alone, the odometer taken out of file and run, and with both.
+Each is evaluated with its IMU only (without the odometer in file and run), and with both sensors.
 """
 
 import re
@@ -27,24 +27,24 @@ RECORDED = Path(__file__).parent.parent / "recorded"
 
 
 class Subject(NamedTuple):
-    """A vehicle: what is fitted, and what it is judged on."""
+    """A vehicle with a run for the fit and a run for the evaluation."""
 
     name: str
     file: VehicleFile
     fitted: Run
     judged: Run
-    free: tuple[str, ...] | None = None  # what is fitted; None: what `identify` takes by itself
+    free: tuple[str, ...] | None = None  # free parameters; None: the defaults of `identify`
 
 
 def cpm() -> list[Subject]:
-    """Return both ways round."""
+    """Return the two CPM subjects: each run fitted, evaluated on the other."""
     return _both_ways(
         "cpm", load("car"), {"a": import_run("cpm_run_a").run, "b": import_run("cpm_run_b").run}
     )
 
 
 def dart() -> list[Subject]:
-    """Return both ways round."""
+    """Return the two DART subjects: each run fitted, evaluated on the other."""
     folder = next(f for f in data_folders() if (f / "dart_jetracer").is_dir())
     runs = [
         imported_run.run for imported_run in import_runs("dart_jetracer_vicon", [str(folder / FREE_DRIVING)])
@@ -53,7 +53,7 @@ def dart() -> list[Subject]:
 
 
 def dart_bag() -> list[Subject]:
-    """Return the prediction of the bag by each run of free driving."""
+    """Return the subjects that are fitted to each run of free driving and evaluated on the bag."""
     bag = import_run("dart_jetracer_bag").run
     return [subject._replace(name=f"{subject.name[:6]} → bag", judged=bag) for subject in dart()]
 
@@ -66,12 +66,12 @@ SUBJECTS: dict[str, tuple[Callable[[], list[Subject]], tuple[str, ...]]] = {
 
 
 def missing(name: str) -> list[str]:
-    """Return the files of these recordings that are not there."""
+    """Return the missing files of these recordings."""
     return missing_of(SUBJECTS[name][1])
 
 
 def with_sensors(file: VehicleFile, names: tuple[str, ...]) -> VehicleFile:
-    """Return the file with these sensors alone, which its estimator uses."""
+    """Return the file with only these sensors, all used by its estimator."""
     text = file.text
     for name in set(file.sensors._fields) - set(names):
         text = re.sub(rf"^\[sensors\.{name}\].*?(?=^\[|\Z)", "", text, flags=re.MULTILINE | re.DOTALL)

@@ -1,14 +1,14 @@
-"""`baqueano study experiments`: how much a designed experiment tells, beside four signals in the same room.
+"""`baqueano study experiments`: compare a designed experiment with four signals in the same room.
 
-The drive is planned for with a file of the garage. Robots and cars of truth/, with physics of their own, drive it:
-what the file names is uniform within ± SPREAD of what it says, the rest differs as parts do. Judged is the Cramér-Rao
-bound of that physics (identification/bound.py), as the geometric mean over the parameters of
+The drive is planned with a file of the garage. Robots and cars of truth/, with independent physics, drive it: their
+parameters in the file are uniform within ± SPREAD of the file's values, the others have the tolerances of real parts.
+The criterion is the Cramér-Rao bound of that physics (identification/bound.py): its geometric mean over parameters of
 
     standard error / value                                                                                (1)
 
-IMU biases, and all else that a fit would free, are estimated with them, and each is known to its own size beforehand. A
-body is outside where it passes a wall in one of the DRIVES of a vehicle, each on another disturbing floor. All signals
-are at most as large as the file allows and go through the same `contained`.
+IMU biases and all other free parameters of a fit are estimated too, each with a prior standard deviation of its own
+size. A body is outside if it passes a wall in one of the DRIVES of a vehicle, each on another disturbing floor. All
+signals are at most as large as the file allows and go through the same `contained`.
 """
 
 from functools import partial
@@ -27,7 +27,7 @@ ROOMS = (("small", "2x2", 7), ("small", "3x3", 6), ("car", "4x4", 7))  # file, r
 def experiments(
     seed: int = 0, duration_s: float = 60.0, processes: int = 1, backend: str = "auto", say: Any = lambda text: None
 ) -> Experiments:  # fmt: skip
-    """Return the table over the vehicles of ROOMS."""
+    """Return the table over the vehicles of ROOMS, with a last row for all of them."""
     rows, every = [], {}
     for name, size, count in ROOMS:
         say(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
@@ -42,7 +42,7 @@ def experiments(
 def of_file(
     name: str, size: str, count: int, seed: int, duration_s: float, processes: int, backend: str
 ) -> dict[str, SignalErrors]:
-    """Return signal → what it did to `count` vehicles around the file."""
+    """Return for each signal its errors and margins on `count` vehicles around the file."""
     file = load(name)
     room, vehicles = room_of(file, size), vehicles_around(file, count, seed)
     signal_plans = plans(file, room, count, seed, duration_s, backend)

@@ -1,4 +1,4 @@
-"""Vehicles of the truth around a file, the commands that are planned for them, and what these commands tell."""
+"""Vehicles of the truth around a file, the commands planned for them, and the information in these commands."""
 
 import time
 from typing import Any, NamedTuple
@@ -12,26 +12,26 @@ from baqueano.identify.design.signals import KINDS, excitation
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, SignalErrors
-from baqueano.study.identification.bound import beside, bound_of, numbers, substitute
+from baqueano.study.identification.bound import bound_of, numbers, perturbed_copies, substitute
 from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile, load
 
 SPREAD = 0.3
 DRIVES = 10
-LAG_S = 0.01  # of the motor of a car whose file has none; its delay is shorter by as much
+LAG_S = 0.01  # motor lag of a car whose file has none; its delay is shorter by as much
 
 
 class PlannedDrive(NamedTuple):
-    """Commands of each vehicle."""
+    """The commands of each vehicle, and the time to plan them."""
 
     u: np.ndarray  # (N, V, m)
-    seconds: float  # that it took to make, the slowest
+    seconds: float  # planning time, the longest
 
 
 def plans(
     file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
 ) -> dict[str, PlannedDrive]:
-    """Return signal → commands: the designed one is the same for all vehicles."""
+    """Return for each signal the commands of all vehicles; the designed ones are the same for all."""
     began_s = time.perf_counter()
     u = designed(file, room, duration_s, seed=seed, backend=backend).u
     out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
@@ -48,9 +48,9 @@ def plans(
 
 
 def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
-    """Return vehicles of the truth whose numbers are within ± SPREAD of those that the file names."""
+    """Return vehicles of the truth whose parameters are within ± SPREAD of the file's values."""
     q = draw_robots(count, seed) if len(file.command.limit) == 3 else draw_cars(count, seed)
-    if isinstance(q, Cars):  # the file has a delay alone
+    if isinstance(q, Cars):  # the file has only a delay
         q = q.changed(
             lag_s=np.full(count, LAG_S), delay_s=np.full(count, file.vehicle.drivetrain.delay_s - LAG_S)
         )
@@ -66,10 +66,10 @@ def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
 def outcome(
     job: tuple[str, PlannedDrive], vehicles: Robots | Cars, name: str, room: Room, seed: int
 ) -> tuple[str, SignalErrors]:
-    """Return what a signal did to the vehicles."""
+    """Return a signal's name, with its errors and margins on the vehicles."""
     (signal, plan), file = job, load(name)
     each = [vehicles.some([k]) for k in range(plan.u.shape[1])]
-    around: list[Any] = [beside(q.changed(floor=0.0 * q.floor)) for q in each]
+    around: list[Any] = [perturbed_copies(q.changed(floor=0.0 * q.floor)) for q in each]
     group, many = around[0].joined(around[1:]), len(around[0].mass_kg)
     quiet = np.split(ideal_readings(group, np.repeat(plan.u, many, axis=1), file.rate_hz), len(each), axis=1)
     paths = [path for path in unknowns(file).names if path in numbers(vehicles)]
@@ -85,7 +85,7 @@ def outcome(
 
 
 def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Return what IMUs, and odometers of cars, show without noise (N, n, m) under the commands u (N, n, k)."""
+    """Return the noise-free readings (N, n, m) of IMUs, and odometers of cars, under commands u (N, n, k)."""
     world, out = world_of(vehicles, [0] * u.shape[1]), []
     for now in u:
         world.tick(now, 1.0 / rate_hz)
@@ -95,14 +95,14 @@ def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np
 
 
 def _error(quiet: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:
-    """Return (1) of one vehicle from what those beside it show (N, 2p, m)."""
+    """Return (1) of one vehicle from the readings (N, 2p, m) of its perturbed copies."""
     value = {path: abs(float(x[0])) for path, x in numbers(vehicle).items()}
     bound = bound_of(quiet, vehicle, {path: _size(path, value) for path in value})
     return mean_error(np.array([bound[path] / value[path] for path in paths]))
 
 
 def _size(path: str, value: dict[str, float]) -> float:
-    """Return what is thought of a number beforehand: its size, or that of the largest of its field, where it is 0."""
+    """Return the prior standard deviation of a parameter: its size; if it is 0, the largest size in its field."""
     if "bias" in path:
         return NUISANCE_SD
     field = path.partition("[")[0]

@@ -1,4 +1,4 @@
-"""Result of `study experiments`: each signal on the vehicles of each file and room, and on all."""
+"""Result of `study experiments`: each signal on the vehicles of each file and room, and on all vehicles."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,31 +16,31 @@ RATIO = 1.5
 
 
 class ExperimentRow(NamedTuple):
-    """A signal on the vehicles of one file, or of all."""
+    """The figures of a signal on the vehicles of one file, or of all files."""
 
     vehicle: str
     room: str
     signal: str
     mean_error: float  # geometric mean over vehicles and parameters
     ratio: float  # random steps ÷ this
-    above_best: int  # vehicles of which it tells less than the best of the other signals
+    above_best: int  # vehicles for which the best other signal is more informative
     vehicles: int
     left: int  # drives in which the body left the room
     drives: int
     nearest_m: float  # least distance of a body to a wall, over all drives
-    seconds: float  # that it took to make, the slowest
+    seconds: float  # planning time, the longest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experiments:
-    """The table."""
+    """The table of `study experiments`, with its verdict."""
 
     each: tuple[ExperimentRow, ...]
     duration_s: float
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the bounds that are not kept, in words."""
+        """Return a sentence for each requirement that is not met."""
         out, by_vehicle = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
         if by_vehicle["all"].ratio < RATIO:
             out.append(
@@ -67,7 +67,7 @@ class Experiments:
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE or WARN."""
+        """Return WARN if there are reasons, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
@@ -75,7 +75,7 @@ class Experiments:
         return [row._asdict() for row in self.each]
 
     def table(self) -> str:
-        """Text."""
+        """Return the rows and reasons as a text table."""
         head = (
             f"{_('vehicles'):14}{_('room'):6}{_('signal'):14}{_('mean error'):>11}{_('better'):>8}"
             f"{_('above best'):>12}"
@@ -99,7 +99,7 @@ class SignalErrors(NamedTuple):
 
 
 def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[ExperimentRow]:
-    """Return a row per signal."""
+    """Return a row for each signal."""
     base = _geometric(draws[BASELINE].errors)
     rows = []
     for signal, drive in draws.items():
@@ -115,7 +115,7 @@ def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[Exp
 
 
 def joined(parts: list[SignalErrors]) -> SignalErrors:
-    """Return what a signal did to the vehicles of all parts."""
+    """Return the figures of a signal on the vehicles of all parts."""
     errors, margins = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     return SignalErrors(errors, margins, max(part.seconds for part in parts))
 

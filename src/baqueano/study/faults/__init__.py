@@ -1,3 +1,3 @@
-"""Faults of recordings and of models, and what fits say of them."""
+"""Faults of recordings and of models, and their detection by fits."""
 
 from baqueano.study.faults.detection import FAULTS, Faults, faults

@@ -1,7 +1,7 @@
-"""Damage to recordings: a sound run and a random generator → the same run, damaged.
+"""Damage to recordings: an intact run and a random generator → the same run, damaged.
 
-Sizes are drawn anew for each run, from what is barely to what is plainly there. A damage that has nothing to act
-on (wheels of a vehicle without encoders) returns None.
+The size of a damage is drawn for each run, from barely visible to obvious. A damage that does not apply (motors of a
+car with one motor) returns None.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def _z(run: Run) -> np.ndarray:
 
 
 def outliers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """10 % of all readings 20 standard deviations off, either way."""
+    """Shift 10 % of all readings by 20 standard deviations, up or down."""
     for name, channel in run.sensors.items():
         sd = np.sqrt(np.diagonal(getattr(file.sensors, name).cov))
         hit = rng.random(channel.z.shape) < 0.1
@@ -35,17 +35,17 @@ def outliers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def gyro_in_degrees(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The gyro tells degrees a second."""
+    """Log the gyro in degrees per second."""
     return _with(run, _z(run) * [1.0, 1.0, 180.0 / np.pi])
 
 
 def accelerometer_in_g(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The accelerometers tell multiples of 9.80665 m/s²."""
+    """Log the accelerometers in multiples of 9.80665 m/s²."""
     return _with(run, _z(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
 
 
 def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """All stamps count 1000 times as fast; a camera's pose is left out."""
+    """Make all timestamps count 1000 times as fast; a camera's pose is left out."""
 
     def late(t_ns: np.ndarray) -> np.ndarray:
         return run.t_ns[0] + 1000 * (t_ns - run.t_ns[0])
@@ -55,12 +55,12 @@ def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) 
 
 
 def command_in_volts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The command is logged as the voltage of a battery of 6 to 12 V."""
+    """Log the command as the voltage of a battery of 6 to 12 V."""
     return replace(run, applied=_of_full(run, file) * rng.uniform(6.0, 12.0))
 
 
 def command_in_pwm(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The command is logged as whole counts of 255."""
+    """Log the command as whole counts of 255."""
     return replace(run, applied=np.rint(_of_full(run, file) * 255.0))
 
 
@@ -70,14 +70,14 @@ def _of_full(run: Run, file: VehicleFile) -> np.ndarray:
 
 
 def clipped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """End each channel at 50 to 80 % of its largest reading."""
+    """Clip each channel at 50 to 80 % of its largest reading."""
     z = _z(run)
     end = rng.uniform(0.5, 0.8) * np.max(np.abs(z), axis=0)
     return _with(run, np.clip(z, -end, end))
 
 
 def late_sensor(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """All sensors 20 to 100 ms late, and no stamp says so."""
+    """Delay all sensors by 20 to 100 ms without a change of their timestamps."""
     late = round(rng.uniform(0.02, 0.1) * file.rate_hz)
     sensors = {
         n: c._replace(z=np.concatenate([c.z[:1].repeat(late, 0), c.z[:-late]]))
@@ -87,7 +87,7 @@ def late_sensor(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """3 to 20 % of the stamps of the IMU are those of the sample before."""
+    """Give 3 to 20 % of the IMU samples the timestamp of the previous sample."""
     c = run.sensors["imu"]
     same = np.flatnonzero(rng.random(len(c.t_ns)) < rng.uniform(0.03, 0.2))
     t_ns = c.t_ns.copy()
@@ -96,12 +96,12 @@ def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def time_jumps_a_day(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """All clocks jump ahead by a day on the way."""
+    """Let all clocks jump ahead by a day during the drive."""
     return _time_jump(run, 86_400 * NANOSECONDS, rng)
 
 
 def time_jumps_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """All clocks jump ahead by 2 to 60 s on the way."""
+    """Let all clocks jump ahead by 2 to 60 s during the drive."""
     return _time_jump(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
 
 
@@ -118,14 +118,14 @@ def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
 
 
 def sensor_clock_goes_back(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The IMU's clock is set back by an hour on the way."""
+    """Set the IMU's clock back by an hour during the drive."""
     c = run.sensors["imu"]
     after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
     return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=c.t_ns - after * 3600 * NANOSECONDS)})
 
 
 def bursts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Samples of the IMU are read, and stamped, 4 to 10 at a time."""
+    """Read and timestamp the IMU's samples in bursts of 4 to 10."""
     c, of = run.sensors["imu"], int(rng.integers(4, 11))
     last = np.minimum((np.arange(len(c.t_ns)) // of + 1) * of - 1, len(c.t_ns) - 1)
     t_ns = c.t_ns[last] - (last - np.arange(len(last))) * 20_000
@@ -133,13 +133,13 @@ def bursts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def hold_samples(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The IMU measures 3 to 8 times more slowly than it is read."""
+    """Let the IMU measure 3 to 8 times more slowly than it is read."""
     z, of = _z(run), int(rng.integers(3, 9))
     return _with(run, z[np.arange(len(z)) // of * of])
 
 
 def stuck(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The IMU repeats one sample for 5 to 20 % of the run."""
+    """Repeat one sample of the IMU for 5 to 20 % of the run."""
     z = _z(run)
     length = int(rng.uniform(0.05, 0.2) * len(z))
     at = int(rng.integers(0, len(z) - length))
@@ -148,21 +148,21 @@ def stuck(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def zeros(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """5 to 30 % of the frames are logged as zero."""
+    """Log 5 to 30 % of the frames as zero."""
     z = _z(run)
     z[rng.random(len(z)) < rng.uniform(0.05, 0.3)] = 0.0
     return _with(run, z)
 
 
 def not_numbers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """1 to 20 % of the readings are NaN."""
+    """Set 1 to 20 % of the readings to NaN."""
     z = _z(run)
     z[rng.random(z.shape) < rng.uniform(0.01, 0.2)] = np.nan
     return _with(run, z)
 
 
 def axes_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """a_x is logged as a_y, and a_y as a_x."""
+    """Log a_x as a_y, and a_y as a_x."""
     return _with(run, _z(run)[:, [1, 0, 2]])
 
 
@@ -174,12 +174,12 @@ def axis_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def gyro_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """ω_z is logged with the other sign."""
+    """Log ω_z with the other sign."""
     return _with(run, _z(run) * [1.0, 1.0, -1.0])
 
 
 def gravity_on_an_axis(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The IMU stands upright: one axis of the plane is the vertical one."""
+    """Mount the IMU upright: one of its horizontal axes becomes vertical and measures gravity."""
     z, axis = _z(run), int(rng.integers(0, 2))
     sd = float(np.sqrt(file.sensors.imu.cov[axis, axis]))
     z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + sd * rng.standard_normal(len(z))
@@ -194,12 +194,12 @@ def dead_channel(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def motors_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
-    """Left is right: the turning command is logged with the other sign."""
+    """Swap left and right motor: the turning command is logged with the other sign; None for a car."""
     return None if run.applied.shape[1] < 3 else replace(run, applied=run.applied * [1.0, 1.0, -1.0])
 
 
 def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
-    """Reverse one motor: forward is turning, turning is forward."""
+    """Reverse one motor: forward becomes turning and turning becomes forward; None for a car."""
     if run.applied.shape[1] < 3:
         return None
     limit = np.asarray(file.command.limit)
@@ -209,13 +209,13 @@ def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run
 
 
 def too_short(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Only 0.4 to 1.5 s are there."""
+    """Cut the run to 0.4 to 1.5 s."""
     at = rng.uniform(0.0, 5.0)
     return run.cut(at, at + rng.uniform(0.4, 1.5))
 
 
 def half_driven(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """The log of the command has lost its second entry for a part of the run."""
+    """Set the last entry of the logged command to zero for the last 30 to 70 % of the run."""
     u = run.applied.copy()
     u[int(rng.uniform(0.3, 0.7) * len(u)) :, -1] = 0.0
     return replace(run, applied=u)

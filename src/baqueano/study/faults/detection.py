@@ -1,18 +1,16 @@
-"""`baqueano study faults`: what a fit says of recordings that are damaged, and of sound ones.
+"""`baqueano study faults`: the verdicts of fits on damaged and on undamaged recordings.
 
-Data come from the independent truth (subject.py); damage is done to the run. All is free that a user would free. wrong:
-a parameter off by more than 5 of its own standard errors and 5 % of what it truly is. Shown fault by
-fault: fits, wrong ones that were called USABLE, sound ones that were REFUSED, and how the verdicts fell. A
-damage that can be mended is held against the fit of the same run before it was damaged:
-
+Data come from the independent truth (subject.py); the run is damaged. All parameters are free that a user would free.
+A parameter is wrong if it is off by more than 5 standard errors and 5 % of its true value. The table shows for each
+fault: fits, wrong fits called USABLE, undamaged runs that were REFUSED, and the counts of the verdicts. A damage that
+can be mended is compared with the fit of the same run before the damage:
     over_clean = median over runs of |error damaged| / median over runs of |error clean|                  (1)
 
-errors in standard errors of the clean fit, all parameters together. A part of (1) is the price of samples that are
-gone, another the harm that is left in the others. The second alone is
-
+The unit of errors is the standard error of the clean fit, all parameters together. (1) has two parts: the lost samples,
+and the harm in the remaining ones. The second part is measured by
     over_left = median over runs of |error damaged| / median over runs of |error left|                    (2)
 
-left: the run before it was damaged, without the very readings that the fit of the damaged one leaves out (left.py).
+left: the undamaged run without the readings that the fit of the damaged one leaves out (undamaged.py).
 """
 
 from collections.abc import Callable, Sequence
@@ -56,7 +54,7 @@ FAULTS = (*SOUND, *HARM, *STRUCTURES)
 
 
 class FaultJob(NamedTuple):
-    """A fault on a vehicle at a seed."""
+    """A fault to apply to the vehicle of a seed, and fit."""
 
     fault: str
     vehicle: str
@@ -65,30 +63,30 @@ class FaultJob(NamedTuple):
 
 
 class FaultOutcome(NamedTuple):
-    """The verdict on it."""
+    """The verdict of the fit in a job, and its errors."""
 
     job: FaultJob
-    verdict: str  # ERROR: the fit was not begun, and the message said why; CRASH: the program failed
+    verdict: str  # ERROR: the fit did not start, and the message gave the reason; CRASH: the program failed
     wrong: bool
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     clean: float
     reasons: tuple[str, ...]  # codes
-    left: float = np.nan  # that of the clean run without what was left out of the damaged one
-    lost: float = np.nan  # the part of the readings that this is
+    left: float = np.nan  # that of the clean run without the readings that the damaged one lost
+    lost: float = np.nan  # the lost part of the readings
 
 
 class FaultInputs(NamedTuple):
-    """Inputs of one fit, and the truth behind them."""
+    """The inputs of one fit, and the true parameters."""
 
     file: "VehicleFile"
     run: Run
     free: tuple[str, ...]
     truth: dict[str, float]
-    clean: Run | None = None  # the run before it was damaged, where both are compared
+    clean: Run | None = None  # the run before the damage, if both are compared
 
 
 def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
-    """Return the outcomes of faults of one vehicle and seed; of those that there is something to act on."""
+    """Return the outcomes of faults on one vehicle and seed, without those that do not apply to it."""
     of = subject(jobs[0].vehicle, jobs[0].seed)
     outcomes, before = [], _Before(of, jobs[0].backend)
     for job, inputs in _inputs(of, jobs):
@@ -105,7 +103,7 @@ def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutc
         ArithmeticError,
         ValueError,
         LookupError,
-    ) as error:  # a fault of the program, and of the study's verdict
+    ) as error:  # a fault of the program, which counts in the verdict of the study
         return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, inputs.truth))))
     outcome = FaultOutcome(
@@ -125,14 +123,14 @@ def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutc
 
 
 class _Before:
-    """The fit of a run before it was damaged: one for all damages of a vehicle and seed."""
+    """The fit of a run before the damage: one for all damages of a vehicle and seed."""
 
     def __init__(self, of: FaultSubject, backend: str) -> None:
         self._of, self._backend = of, backend
         self._clean_fit: Fit | None = None
 
     def fit(self, run: Run) -> "Fit":
-        """Return it."""
+        """Return the fit, which is computed at the first call."""
         if self._clean_fit is None:
             self._clean_fit = identify(
                 run, self._of.file, self._of.free, options=FitOptions(diagnose=False, backend=self._backend)
@@ -205,14 +203,14 @@ def _planned_inputs(
 
 
 def _copy(run: Run) -> Run:
-    """The run with readings of its own."""
+    """Return the run with a copy of its readings."""
     return replace(
         run, sensors={n: Channel(c.t_ns, c.arrival_ns, c.z.copy()) for n, c in run.sensors.items()}
     )
 
 
 def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
-    """A file whose friction and drag were guessed, by up to twice or half."""
+    """Return the file with friction or drag wrong by a factor of 1/2 to 2."""
     if len(file.command.limit) == 3:
         linear = file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
         return file.with_values({"model.friction.linear": linear.tolist()})
@@ -221,14 +219,14 @@ def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile"
 
 @dataclass(frozen=True)
 class Faults:
-    """All outcomes."""
+    """The outcomes of all fits."""
 
     outcomes: tuple[FaultOutcome, ...]
-    requested: int  # fits that were asked for
+    requested: int  # number of fits of the call
     tried: int  # fits that ended
 
     def rows(self) -> list["TableRow"]:
-        """A row per fault, the sound ones first."""
+        """Return a row per fault, the undamaged runs first."""
         return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._of(fault)]
 
     def _of(self, fault: str) -> list[FaultOutcome]:
@@ -255,7 +253,7 @@ class Faults:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the verdict is not USABLE."""
+        """Return the reasons why the verdict is not USABLE."""
         rows = self.rows()
         out = [
             _(
@@ -287,11 +285,11 @@ class Faults:
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE where no wrong fit was called so and at most 2 % of the sound ones were refused."""
+        """Return USABLE without wrong USABLE fits and crashes, and with at most 2 % of undamaged runs refused."""
         return Verdict.REFUSED if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the counts and error ratios of each fault as a text table."""
         head = (
             f"{_('fault'):<22}{_('fits'):>5}{_('wrong'):>7}{_('called usable'):>15}{_('sound refused'):>15}   "
             f"{_('usable/warn/refused'):<20}{_('error/clean'):>12}{_('lost'):>8}{_('error/left'):>12}"
@@ -318,7 +316,7 @@ class Faults:
 
 
 def _ratio(pairs: list[tuple[float, float]]) -> float | None:
-    """Of the medians of both, over the pairs that are known.  (1), (2)"""
+    """Return the ratio of the two medians over the pairs that are finite, or None.  (1), (2)"""
     finite = [pair for pair in pairs if np.isfinite(pair).all()]
     return float(np.divide(*np.median(finite, axis=0))) if finite else None
 
@@ -333,7 +331,7 @@ def faults(
     backend: str = "auto",
     each: Callable[[int], None] | None = None,
 ) -> Faults:
-    """`seeds` fits of each fault, in turn on each of the vehicles, from seed `first` on."""
+    """Return the outcomes of `seeds` fits of each fault, from seed `first` on; the vehicles take turns."""
     jobs: dict[tuple[str, int], list[FaultJob]] = {}
     for fault in only or FAULTS:
         some = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
@@ -350,5 +348,7 @@ def faults(
     return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(batches_done)]))))
 
 
-SUMS = {("late sensors", "model.drivetrain.delay_s")}  # a run shows the sum of two, and a note says so
+SUMS = {
+    ("late sensors", "model.drivetrain.delay_s")
+}  # a run shows only the sum of both, and a note reports it
 NOT_FOR_CARS = ("motors swapped", "motor inverted", "caster flips", "centre of mass", "tilted floor")

@@ -1,4 +1,4 @@
-"""Damages by clocks, filters and loggers, before a sound recording is written; more in damage.py."""
+"""Damages by clocks, filters and loggers before a recording is written; more in damage.py."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ EPOCH_MS = 1_760_000_000_000
 
 
 def drifts(run: Run, by: float) -> Run:
-    """Return the run with the stamps of the IMU counted faster by a part of the time."""
+    """Return the run with an IMU clock that is fast by the fraction `by`."""
     c = run.sensors["imu"]
     t_ns = c.t_ns + np.round(by * (c.t_ns - run.t_ns[0])).astype(np.int64)
     return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
@@ -30,7 +30,7 @@ def clock_drifts_much(run: Run, file: VehicleFile, rng: np.random.Generator) -> 
 
 
 def mount_turns(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Turn the IMU about z by 10 to 40° on the way."""
+    """Turn the IMU about z by 10 to 40° during the drive."""
     z, angle = run.sensors["imu"].z.copy(), np.radians(rng.uniform(10.0, 40.0)) * rng.choice([-1.0, 1.0])
     after = slice(int(rng.uniform(0.3, 0.7) * len(z)), None)
     z[after, :2] = z[after, :2] @ _rotation(angle)
@@ -38,7 +38,7 @@ def mount_turns(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def resampled(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Read all sensors at 50 to 90 % of the rate and draw lines between the readings, as a tool does."""
+    """Read all sensors at 50 to 90 % of the rate and interpolate linearly between the readings, as tools do."""
     sensors = {}
     for name, c in run.sensors.items():
         t = (c.t_ns - c.t_ns[0]) * 1e-9
@@ -62,7 +62,7 @@ def gyro_zeroes_itself(run: Run, file: VehicleFile, rng: np.random.Generator) ->
 
 
 def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the size of a command, or of a channel of the IMU, for a half of the run."""
+    """Log the magnitude of a command, or of a channel of the IMU, for the second half of the run."""
     half = slice(len(run.t_ns) // 2, None)
     if rng.random() < 0.5:
         u = run.applied.copy()
@@ -74,7 +74,7 @@ def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Take stamps that count milliseconds since 1970 for nanoseconds."""
+    """Treat timestamps in milliseconds since 1970 as nanoseconds."""
 
     def in_milliseconds(t_ns: np.ndarray) -> np.ndarray:
         return EPOCH_MS + t_ns // 1_000_000
@@ -87,7 +87,7 @@ def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator)
 
 
 def half_duplicated(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Put the first half of the run in place of the second."""
+    """Replace the second half of the run by a copy of the first half."""
     half = len(run.t_ns) // 2
     twice = np.concatenate([np.arange(half), np.arange(len(run.t_ns) - half)])
     sensors = {name: c._replace(z=c.z[twice]) for name, c in run.sensors.items()}
@@ -95,7 +95,7 @@ def half_duplicated(run: Run, file: VehicleFile, rng: np.random.Generator) -> Ru
 
 
 def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let every other reading come from a second IMU, turned by 20 to 180° and with biases of its own."""
+    """Let every other reading come from a second IMU, turned by 20 to 180° and with other biases."""
     z = run.sensors["imu"].z.copy()
     angle = np.radians(rng.uniform(20.0, 180.0)) * rng.choice([-1.0, 1.0])
     z[1::2, :2] = z[1::2, :2] @ _rotation(angle)
@@ -104,7 +104,7 @@ def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Keep what a logger of 10 Hz sees."""
+    """Keep only the samples of a logger of 10 Hz."""
     every = max(1, round(file.rate_hz / 10.0))
     k = np.arange(every - 1, len(run.t_ns), every)
     sensors = {n: Channel(c.t_ns[k], c.arrival_ns[k], c.z[k]) for n, c in run.sensors.items()}
@@ -112,7 +112,7 @@ def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def kilohertz_with_repeats(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the last known command and reading 1000 times a second, for 10 s."""
+    """Log at 1 kHz for 10 s, with repeats of the latest command and reading."""
     times, first = max(1, round(1000.0 / file.rate_hz)), round(10.0 * file.rate_hz)
     row, late = np.repeat(np.arange(first), times), np.tile(np.arange(times), first)
     t_ns = run.t_ns[row] + late * (NANOSECONDS // 1000)
@@ -122,7 +122,7 @@ def kilohertz_with_repeats(run: Run, file: VehicleFile, rng: np.random.Generator
 
 
 def two_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Keep 2 s on the way."""
+    """Keep only 2 s of the drive."""
     at = rng.uniform(2.0, 20.0)
     return run.cut(at, at + 2.0)
 
@@ -132,13 +132,13 @@ def _with_imu(run: Run, z: np.ndarray) -> Run:
 
 
 def _rotation(angle: float) -> np.ndarray:
-    """(2, 2) by which rows (x, y) are seen from axes turned to the left."""
+    """Return the matrix (2, 2) that transforms rows (x, y) to axes turned to the left."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
 def _smooth(run: Run, part: float) -> np.ndarray:
-    """Readings (M, 3) behind a first-order low-pass whose time constant is 1 / part samples."""
+    """Return the readings (M, 3) after a first-order low-pass with a time constant of 1 / `part` samples."""
     z, keep = run.sensors["imu"].z, np.exp(-part)
     out, level = np.empty_like(z), z[0]
     for k, reading in enumerate(z):

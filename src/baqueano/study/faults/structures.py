@@ -1,7 +1,7 @@
-"""Effects of the world that the fitted model lacks: a subject, its command and a generator → a plan.
+"""Effects of the real world that the fitted model lacks: a subject, its command and a generator → a plan.
 
-What acts on the force of the motors is simulated as the command that would have that effect, `effective`; the log holds
-the command that was given. What depends on the motion takes it from the sound run. Sizes are drawn anew for each run.
+An effect on the motor force is simulated as an equivalent command, `effective`; the log contains the command that was
+sent. An effect of the motion takes it from the undamaged run. The sizes are drawn for each run.
 """
 
 from collections.abc import Callable
@@ -22,9 +22,9 @@ class FaultPlan(NamedTuple):
     vehicle: Robots | Cars
     effective: np.ndarray  # (N, m)
     file: VehicleFile
-    without: tuple[str, ...] = ()  # what is not freed, or the fit would find it
+    without: tuple[str, ...] = ()  # parameters that are fixed, so that the fit cannot find the effect
     second: Robots | Cars | None = None  # another vehicle under the same commands
-    change: Callable[[Run, Run], Run] | None = None  # of the run, with that of the second vehicle
+    change: Callable[[Run, Run], Run] | None = None  # changes the run, with the run of the second vehicle
 
 
 Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan | None]
@@ -36,7 +36,7 @@ def _plan(of: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
 
 
 def _channels(of: FaultSubject, u: np.ndarray) -> np.ndarray:
-    """(N, k) wheels of a vehicle with two, in parts of full; else the commands."""
+    """Return the duties (N, k) of a two-wheeled vehicle's wheels as fractions of full; else the commands."""
     limit = np.asarray(of.file.command.limit)
     part = u / np.where(limit > 0.0, limit, 1.0)
     return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
@@ -52,7 +52,7 @@ def _command(of: FaultSubject, w: np.ndarray) -> np.ndarray:
 def _throttle(
     of: FaultSubject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **more: Any
 ) -> FaultPlan:
-    """`change` of every wheel, or of a car's throttle."""
+    """Return the plan with `change` applied to the duty of each wheel, or to a car's throttle."""
     w = _channels(of, u)
     for k in range(w.shape[1] if isinstance(of.vehicle, Robots) else 1):
         w[:, k] = change(w[:, k])
@@ -60,7 +60,7 @@ def _throttle(
 
 
 def dead_zone(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """The model lacks the dead zone; that of a car is 10 to 30 % of its full throttle."""
+    """Remove the dead zone from the model; a car's true dead zone is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
     zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
     plan = FaultPlan(of.vehicle, u, of.file.with_values(zones))
@@ -71,37 +71,37 @@ def dead_zone(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Genera
 
 
 def saturation(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Wheels slip: force ends at 40 to 70 % of full."""
+    """Saturate the force at 40 to 70 % of full, as with slipping wheels."""
     end = rng.uniform(0.4, 0.7)
     return _throttle(of, u, lambda w: end * np.tanh(w / end))
 
 
 def lag(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Motors that follow with a time constant of 50 to 300 ms, and no lag in the model."""
+    """Give the motors a time constant of 50 to 300 ms, and the model no lag."""
     late = of.vehicle.changed(lag_s=rng.uniform(0.05, 0.3, 1))
     return FaultPlan(late, u, of.file.with_values({LAG: 0.0}), without=(LAG,))
 
 
 def delay(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Commands arrive 20 to 150 ms late, and no delay in the model."""
+    """Delay the commands by 20 to 150 ms, and give the model no delay."""
     late = of.vehicle.changed(delay_s=rng.uniform(0.02, 0.15, 1))
     return FaultPlan(late, u, of.file.with_values({DELAY: 0.0}), without=(DELAY,))
 
 
 def fading_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """15 to 50 % of the voltage are lost evenly over the run."""
+    """Reduce the voltage evenly by 15 to 50 % over the run."""
     loss = rng.uniform(0.15, 0.5)
     return _throttle(of, u, lambda w: w * (1.0 - loss * np.linspace(0.0, 1.0, len(w))))
 
 
 def sagging_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """20 to 50 % of the voltage are lost at full command, in proportion below."""
+    """Reduce the voltage by 20 to 50 % at full command, and in proportion below."""
     loss = rng.uniform(0.2, 0.5)
     return _throttle(of, u, lambda w: w * (1.0 - loss * np.abs(w)))
 
 
 def _velocity(run: Run) -> np.ndarray:
-    """ν (N, 3) of a simulation."""
+    """Return the true ν (N, 3) of a simulation."""
     return np.zeros((0, 3)) if run.truth is None else run.truth.nu
 
 
@@ -123,7 +123,7 @@ def backlash(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generat
 
 
 def caster(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
-    """A kick about z of 0.2 to 0.5 s when the vehicle goes from forward to backward or back."""
+    """Add a kick about z, decaying in 0.2 to 0.5 s, when the vehicle reverses its direction."""
     if isinstance(of.vehicle, Cars):
         return None
     nu = _velocity(sound)
@@ -140,7 +140,7 @@ def caster(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
 
 
 def cogging(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Force that ripples with the way of the wheel."""
+    """Let the force ripple with the distance that the wheel rolls."""
     nu = _velocity(sound)
     way = np.cumsum(nu[:, 0]) / of.file.rate_hz
     ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * way / rng.uniform(0.02, 0.1))
@@ -148,13 +148,13 @@ def cogging(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generato
 
 
 def one_sided(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Backward 50 to 80 % of the force of forward."""
+    """Reduce the backward force to 50 to 80 % of the forward one."""
     part = rng.uniform(0.5, 0.8)
     return _throttle(of, u, lambda w: np.where(w < 0.0, part * w, w))
 
 
 def slipping(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """A wheel, or both of a car, pushes with 30 % for 5 s; an odometer on it runs ahead by half."""
+    """Reduce the force of a wheel, or of both of a car, to 30 % for 5 s; an odometer reads 1.5 times the speed."""
     w, k = _channels(of, u), int(rng.integers(0, 2)) if isinstance(of.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
     during = slice(start, start + round(SLIP_S * of.file.rate_hz))
@@ -169,7 +169,7 @@ def slipping(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generat
 
 
 def dry_friction(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Dry friction of 5 to 30 % of the full force along x and about z, and none in the file that is fitted."""
+    """Add dry friction of 5 to 30 % of the full force along x and about z; remove it from the fitted file."""
     part, q = rng.uniform(0.05, 0.3), of.vehicle
     if isinstance(q, Cars):
         full = q.stall_n * of.file.command.limit[0]
@@ -180,7 +180,7 @@ def dry_friction(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Gen
 
 
 def centre_of_mass(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
-    """The centre of mass moved along x by 10 to 30 % of the radius of gyration, and not free."""
+    """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed."""
     q = of.vehicle
     if isinstance(q, Cars):
         return None
@@ -189,7 +189,7 @@ def centre_of_mass(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
 
 
 def tilted_floor(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
-    """A floor that rises by 2 to 6°."""
+    """Tilt the floor by 2 to 6°; None for a car."""
     q = of.vehicle
     if isinstance(q, Cars):
         return None
@@ -198,7 +198,7 @@ def tilted_floor(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Gen
 
 
 def second_vehicle(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """A part of the log is of a vehicle with other friction and other motors."""
+    """Take the rest of the log, from 25 to 75 % on, from a vehicle with other friction and motors."""
     factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), of.vehicle
     drag = {"viscous": q.viscous} if isinstance(q, Robots) else {"rolling": q.rolling}
     changed_vehicle = q.changed(

@@ -1,4 +1,4 @@
-"""Vehicles of the study of faults: a robot or a car of the independent truth, the same for a seed."""
+"""Vehicles of the fault study: a robot or a car of the independent truth, the same for a seed."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from baqueano.vehicle_file import VehicleFile
 
 VEHICLES = ("robot", "car")
 REST_S = 1.0
-CAR_LIMIT = [0.6, 0.2]  # of full throttle and lock: tyres that hardly slip
+CAR_LIMIT = [0.6, 0.2]  # of full throttle and lock: the tyres hardly slip
 
 
 class FaultSubject(NamedTuple):
@@ -37,13 +37,13 @@ class FaultSubject(NamedTuple):
 
     @property
     def truth(self) -> dict[str, float]:
-        """Path → true value, of what has one."""
+        """Return path → true value for the parameters that have one."""
         q = self.vehicle
         values = robot_values(q) if isinstance(q, Robots) else car_values(q)
         return {path: float(value[0]) for path, value in values.items()}
 
     def signal(self, seconds: float, kind: str = "random_steps") -> np.ndarray:
-        """Return commands (N, m) as they reach the motors, after a rest."""
+        """Return commands (N, m) as the motors receive them, after a rest."""
         file = self.file
         u = excitation(kind, file.command.limit, seconds, file.rate_hz, self.seed, rest_s=REST_S)
         return as_sent(u) if isinstance(self.vehicle, Robots) else u
@@ -51,7 +51,7 @@ class FaultSubject(NamedTuple):
     def runs(
         self, vehicles: Sequence[Robots | Cars], effective: Sequence[np.ndarray], logged: Sequence[np.ndarray]
     ) -> list[Run]:
-        """Return the runs of the vehicles, side by side under the `effective` commands of each."""
+        """Return the runs of the vehicles, simulated side by side, each under its `effective` commands."""
         group = vehicles[0].joined(list(vehicles[1:]))  # type: ignore[arg-type]
         t_ns = times(len(effective[0]), self.file.rate_hz)
         drive = driven(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)

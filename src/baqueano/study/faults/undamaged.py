@@ -1,7 +1,7 @@
-"""The sound run without what a fit leaves out of the damaged one: what could still be known of it.
+"""The undamaged run without the readings that a fit leaves out of the damaged one.
 
-A damage that is noticed costs samples. A part of the error of such a fit is the price of what is gone, and a part is
-harm in the rest. The sound run, without the same samples, tells them apart: those of the same time.
+A damage that is detected costs samples. One part of the error of such a fit comes from the lost samples, another one
+from harm in the remaining ones. The undamaged run without the same samples, those of the same time, separates them.
 """
 
 from dataclasses import replace
@@ -14,8 +14,8 @@ from baqueano.vehicle_file import VehicleFile
 
 
 def undamaged(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
-    """The `sound` run with NaN for the readings that are left out of the `damaged` one, and which part they are;
-    None where samples came at other times, so that none are the same."""
+    """Return the `sound` run with NaN for the readings that are left out of the `damaged` one, and their fraction.
+    Return None if the samples have other times, so that they do not correspond."""
     pieces, _ = clean([damaged], file, file.sensors._asdict())
     sensors, lost_count, count = dict(sound.sensors), 0, 0
     for name, channel in sound.sensors.items():

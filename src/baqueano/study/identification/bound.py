@@ -2,9 +2,9 @@
 
     G = ∂h/∂θ by (h(θ + s) − h(θ − s)) / 2s,   b_i = √((Σ_t Gᵀ Q⁻¹ G + P₀⁻¹)⁻¹)_ii                        (1)
 
-h is what the sensors show without noise, Q that noise, and P₀ what is known beforehand: nothing, P₀⁻¹ = 0, unless it
-is given. All parameters that a fit has free are in (1) together, the biases too; neither outliers nor a walk of the
-biases nor the rounding of the converter are.
+h is the noise-free reading of the sensors, Q the covariance of their noise, and P₀ that of the prior: none, P₀⁻¹ = 0,
+unless it is given. (1) contains all free parameters of a fit together, including the biases. It contains neither
+outliers nor a random walk of the biases nor the rounding of the converter.
 """
 
 from collections.abc import Mapping
@@ -16,14 +16,14 @@ from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.truth import Cars, Robots
 
 STEP = 1e-3  # of a parameter
-LEAST = {  # a step where the parameter may be 0
+LEAST = {  # the step for a parameter that may be 0
     "friction.quadratic": 1e-4, "actuator_matrix": 1e-4, "lever_arm": 1e-4, "heading": 1e-3, "bias": 1e-3,
     "friction.quadratic[1]": 0.1,
 }  # fmt: skip
 
 
 def numbers(vehicles: Robots | Cars) -> dict[str, np.ndarray]:
-    """Return path → true values (n,) of all that (1) has free."""
+    """Return path → true values (n,) of all free parameters of (1)."""
     return robot_values(vehicles) if isinstance(vehicles, Robots) else car_numbers(vehicles)
 
 
@@ -35,7 +35,7 @@ def substitute(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Rob
 
 
 def steps(vehicle: Robots | Cars) -> dict[str, float]:
-    """Return path → step s of (1), of one vehicle."""
+    """Return path → step s of (1), for one vehicle."""
     out = {}
     for path, value in numbers(vehicle).items():
         least = [size for part, size in LEAST.items() if part in path]
@@ -43,8 +43,8 @@ def steps(vehicle: Robots | Cars) -> dict[str, float]:
     return out
 
 
-def beside(vehicle: Robots | Cars) -> Robots | Cars:
-    """Return two vehicles per parameter (2p,): with one step more, then with one less."""
+def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
+    """Return two vehicles per parameter, a group (2p,): with the parameter one step larger, then one step smaller."""
     of = steps(vehicle)
     group = vehicle.some([0] * (2 * len(of)))
     values = {}
@@ -58,9 +58,9 @@ def beside(vehicle: Robots | Cars) -> Robots | Cars:
 def bound_of(
     quiet: np.ndarray, vehicle: Robots | Cars, prior_sigma: Mapping[str, float] | None = None
 ) -> dict[str, float]:
-    """Return path → b of (1) from what the vehicles of `beside` show, (N, 2p, m): an IMU, and an odometer where m = 4.
+    """Return path → b of (1) from the readings (N, 2p, m) of the vehicles of `beside`; with an odometer if m = 4.
 
-    `prior_sigma`: path → standard deviation beforehand, √P₀ of (1).
+    `prior_sigma`: path → prior standard deviation, √P₀ of (1).
     """
     of = steps(vehicle)
     noise = np.append(vehicle.imu.noise[0], ODOMETER_M_S)[: quiet.shape[2]]

@@ -1,4 +1,4 @@
-"""The page of `baqueano study identification`: the table, errors against the normal density, coverage."""
+"""The page of `baqueano study identification`: table, histogram of errors, coverage."""
 
 from typing import TYPE_CHECKING
 
@@ -39,7 +39,7 @@ BARS = N_("Clean: errors and standard errors in bounds. The line is what an erro
 
 
 def page_of_identification(study: Identification) -> Page:
-    """Return everything, on one page."""
+    """Return the page with table, verdicts and figures of the study."""
     rows = study.rows()
     over = _("{seeds:,} seeds", seeds=study.seeds)
     over += (
@@ -89,7 +89,7 @@ def _columns(rows: list["TableRow"], names: tuple[str, ...]) -> list["TableRow"]
 
 @styled
 def histogram(z: np.ndarray) -> "Figure":
-    """Draw z (K,), all together."""
+    """Draw the histogram of all errors z (K,) with the normal density."""
     figure, axis = panel((9.2, 2.8))
     grid = np.linspace(-4.5, 4.5, 200)
     axis.hist(np.clip(z, -4.5, 4.5), bins=60, range=(-4.5, 4.5), density=True, color=MEASURED, alpha=0.6)
@@ -100,7 +100,7 @@ def histogram(z: np.ndarray) -> "Figure":
 
 @styled
 def coverage(rows: list[dict[str, float]]) -> "Figure":
-    """Draw which part of the intervals holds, by parameter."""
+    """Draw the fraction of the intervals that contain the truth, by parameter."""
     part = np.array([row["holds"] for row in rows])
     count = np.array([max(row["intervals"], 1) for row in rows])
     figure, axis = panel((9.2, 3.4))
@@ -115,7 +115,7 @@ def coverage(rows: list[dict[str, float]]) -> "Figure":
 
 @styled
 def efficiency(rows: list[dict[str, float]]) -> "Figure":
-    """Draw errors and standard errors in bounds, by parameter."""
+    """Draw errors and standard errors divided by their bounds, by parameter."""
     figure, axis = panel((9.2, 3.4))
     at = np.arange(len(rows))
     axis.bar(at - 0.2, [row["rmse"] or 0.0 for row in rows], width=0.38, color=MODEL, label="error")

@@ -2,9 +2,9 @@
 
     rmse_i / bound_i = √(mean (p̂_i − p_i)²) / √(mean b_i²)      both means over the same fits              (1)
 
-b is the bound of bound.py. A parameter whose true value is its lowest one may be nearer than (1) allows, so it is not
-pooled. An interval counts where a fit was not refused and shows the parameter. A parameter is named where a reason of
-the verdict says by how much it may be off. Huber's estimate alone is 1.026 bounds from the truth.
+b is the bound of bound.py. If the true value of a parameter is its lower limit, its estimate may be nearer than (1)
+allows; it is not pooled. An interval counts if the fit was not refused and the parameter is identifiable. A parameter
+is named if a reason of the verdict states its possible error. The error of Huber's estimate alone is 1.026 bounds.
 """
 
 import pickle
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 SEEDS, BATCH = 200, 8  # robots; those that are simulated side by side
 POOL = "pooled"
-LOWEST = ("model.friction.quadratic[1]",)  # truly 0
-SURE = 3.0  # standard errors; they widen the limits where the seeds are few
+LOWEST = ("model.friction.quadratic[1]",)  # its true value is 0
+SURE = 3.0  # standard errors; they widen the limits if the seeds are few
 
 
 class Limit(NamedTuple):
-    """Limits of a case: shares of intervals, ratios to the bound, shares of the fits."""
+    """The limits of a case: fractions of intervals, ratios to the bound, fractions of fits."""
 
     coverage: float = 0.0  # of all intervals, at least
     held_most: float = 1.0
@@ -61,14 +61,14 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Identification:
-    """All outcomes, fewer than were asked for if it was interrupted."""
+    """The outcomes of all fits, fewer than requested if it was interrupted."""
 
     outcomes: tuple[TrialOutcome, ...]
     requested: int
 
     @property
     def seeds(self) -> int:
-        """Of which there are outcomes."""
+        """Return the number of seeds that have outcomes."""
         return len({o.seed for o in self.outcomes})
 
     def of(self, case: str) -> list[TrialOutcome]:
@@ -76,25 +76,25 @@ class Identification:
         return [o for o in self.outcomes if o.case == case]
 
     def z(self, case: str = "clean") -> np.ndarray:
-        """Return (K,) all errors of a case in their own standard errors."""
+        """Return all errors (K,) of a case, each divided by its standard error."""
         return np.concatenate([np.zeros(0), *(_z(o) for o in self.of(case))])
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row per case and parameter, and one of all of them."""
+        """Return a flat row for each case and parameter, and a pooled row for each case."""
         return [row for case in CASES if self.of(case) for row in _rows(case, self.of(case))]
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return a sentence for each limit that is not kept."""
+        """Return a sentence for each limit that is exceeded."""
         return tuple(reason for row in self.rows() for reason in _reasons(row))
 
     @property
     def verdict(self) -> Verdict:
-        """WARN where a figure is missed, else USABLE."""
+        """Return WARN if a limit is exceeded, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """For people: each case, and the parameters of the first."""
+        """Return a text table of each case, and of the parameters of the first case."""
         head = (
             f"{_('case'):36}{_('fits'):>5}{_('holds'):>10}{_('rmse'):>8}{_('sd'):>7}{_('usable'):>9}"
             f"{_('wrong'):>7}{_('named'):>8}"
@@ -150,7 +150,7 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
 
 
 def _reasons(row: "TableRow") -> list[str]:
-    """Return the limits that a row breaks by more than the scatter of its seeds."""
+    """Return the limits that a row exceeds by more than the scatter of its seeds."""
     limit, whole, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
     few = SURE * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
     by_chance = 1.0 + SURE / np.sqrt(2.0 * max(row["intervals"], 1))
@@ -191,12 +191,12 @@ def identification(
     each: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = SECONDS,
     keep: Path | None = None,
 ) -> Identification:  # fmt: skip
-    """Fit vehicles `first` … `first + seeds − 1` of each case, over so many `processes`.
+    """Fit vehicles `first` … `first + seeds − 1` of each case, with this number of `processes`.
 
-    `each` is called with the number of seeds that have just been done. Ctrl-C ends it with what is done by then, if
-    that is one seed or more. With a folder to `keep` outcomes in, those that are there are not computed again.
+    `each` is called with the number of seeds that have just been done. Ctrl-C ends it with the finished results, if
+    there is at least one seed. With a folder `keep`, outcomes are stored there and not computed again.
 
-    More than one process begins Python anew, as `multiprocessing` does: call it from under
+    With more than one process, Python starts anew in each, as `multiprocessing` does: call this function from under
     `if __name__ == "__main__":`.
     """
     ends = range(first, first + seeds, BATCH)
@@ -219,7 +219,7 @@ def identification(
 
 
 def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
-    """The outcomes of a job, read if they were kept."""
+    """Return the outcomes of a job, read from `keep` if they are stored there."""
     if keep is None:
         return work(job)
     cases = "-".join(str(CASES.index(case)) for case in job.cases)
@@ -231,7 +231,7 @@ def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
     return pickle.loads(path.read_bytes())
 
 
-MISSING = ("residual.missing", "residual.missing-free")  # name the parameter that they would move
+MISSING = ("residual.missing", "residual.missing-free")  # reasons that name the parameter they would move
 
 
 def _z(o: TrialOutcome) -> np.ndarray:

@@ -1,15 +1,15 @@
 """Simulations and fits of `study identification`: robots and cars of the independent truth.
 
 Robots with dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms, delays of 4 to 17 ms; an 8-bit PWM
-whose counts are logged; an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All is free that a user would free;
-the search begins at a rough guess, but for the tilt (robots.py). Cars on tyres, by the kinematic car, IMU and odometer:
-
-    clean               white noise alone
-    rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
+whose counts are logged; an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All parameters are free that a user
+would free. The search begins at a rough guess, but with the true tilt (robots.py). Cars on tyres are fitted with the
+kinematic car, IMU and odometer:
+    clean               only white noise
+    rough               ticks 1 ms irregular with true timestamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
     floor               process noise of a rough floor; floor, innovations: with the other cost
-    low-passed          clean, but the IMU filters at 44 Hz, which the file does not name
+    low-passed          clean, but the IMU filters at 44 Hz, which is not in the file
     wrong start         clean, from friction and forces times 0.2 to 5, random signs, and dead zones from 0 to 0.5
-    matched             cars with stiff tyres that are alike, gentle steering: nearly the car that is fitted
+    matched             cars with stiff and equal tyres, gentle steering: nearly the fitted model
     understeer          soft tyres that understeer and saturate, half of full lock and more
 """
 
@@ -36,7 +36,7 @@ from baqueano.study.counterpart import (
 )  # fmt: skip
 from baqueano.study.counterpart.cars import SPEED, speed_at
 from baqueano.study.demo import GUESS
-from baqueano.study.identification.bound import beside, bound_of
+from baqueano.study.identification.bound import bound_of, perturbed_copies
 from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
@@ -53,19 +53,19 @@ CASES = OF_ROBOTS + OF_CARS
 SECONDS, REST_S = 60.0, 2.0
 FLOOR = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
 JITTER_S = 1e-3
-BOUNDED = ("clean", "rough", "wrong start")  # the cases whose readings the bound of clean ones is for
+BOUNDED = ("clean", "rough", "wrong start")  # the cases that are compared with the bound of clean readings
 LOW_PASS_HZ = 44.0
-BOUND_STEP_S = 5e-3  # of Runge and Kutta: the bound is the one at 1 ms to 1e-4
+BOUND_STEP_S = 5e-3  # of Runge-Kutta: the bound equals that of 1 ms steps within 1e-4
 PWM = 255
 STEERED = {"matched": 0.2, "understeer": 0.8}  # of full lock
-OUTLIERS, FAR = 0.005, 20.0  # share, and how many σ they are off
+OUTLIERS, FAR = 0.005, 20.0  # their share, and their size in σ
 WALK = (2e-4, 2e-4, 1e-5)  # of a bias in 1 s, garage/small's
 WRONG, WIDEST_ZONE = 5.0, 0.5  # of a wrong start
-SAME = 0.1  # standard errors within which two searches ended at the same place
+SAME = 0.1  # standard errors: two searches within this distance ended at the same point
 
 
 class TrialJob(NamedTuple):
-    """Vehicles that are simulated side by side."""
+    """The seeds and cases of vehicles that are simulated side by side."""
 
     seeds: tuple[int, ...]
     cases: tuple[str, ...]
@@ -74,7 +74,7 @@ class TrialJob(NamedTuple):
 
 
 class TrialOutcome(NamedTuple):
-    """A fit."""
+    """The result of a fit, with the truth."""
 
     case: str
     seed: int
@@ -82,14 +82,14 @@ class TrialOutcome(NamedTuple):
     truth: np.ndarray
     estimate: np.ndarray
     sd: np.ndarray
-    bound: np.ndarray  # NaN where there is none
+    bound: np.ndarray  # NaN without a bound
     verdict: str
     reasons: tuple[tuple[str, str], ...]  # code and subject of each
-    met: bool  # a wrong start ended where the right one did
+    met: bool  # a wrong start ended at the same point as the right one
 
 
 def work(job: TrialJob) -> list[TrialOutcome]:
-    """Return the outcomes of a job."""
+    """Return the outcomes of all fits of a job."""
     robots = [case for case in OF_ROBOTS if case in job.cases]
     out = _of_robots(job, robots) if robots else []
     for case in (case for case in OF_CARS if case in job.cases):
@@ -98,7 +98,7 @@ def work(job: TrialJob) -> list[TrialOutcome]:
 
 
 def robot(seed: int) -> Robots:
-    """Return the robot of that seed."""
+    """Return the robot of that seed, with a mounted and tilted IMU, dead zones and lag."""
     draw, q = np.random.default_rng([seed, 40]), draw_robots(1, seed)
     at, towards = draw.uniform(-np.pi, np.pi, 2)
     imu = q.imu.changed(
@@ -113,7 +113,7 @@ def robot(seed: int) -> Robots:
 
 
 def car(seed: int, case: str) -> Cars:
-    """Return the car of that seed."""
+    """Return the car of that seed; with stiff tyres unless the case is "understeer"."""
     q = draw_cars(1, seed)
     return (
         q
@@ -123,7 +123,7 @@ def car(seed: int, case: str) -> Cars:
 
 
 def guess(robot: Robots) -> VehicleFile:
-    """Return the file that a fit begins with: what a person would write who has a scale and no data sheet."""
+    """Return the initial file of a fit: the guess of a user with a scale but without a data sheet."""
     rough = {path: value for path, value in GUESS.items() if path.startswith(("model.", "sensors."))}
     return robot_file(robot).with_values(
         rough | {
@@ -179,8 +179,8 @@ def _fit(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
 
 
 def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
-    """Return the bound of each robot."""
-    around = [beside(q) for q in robots]
+    """Return the Cramér-Rao bounds of each robot, by parameter."""
+    around = [perturbed_copies(q) for q in robots]
     u = np.repeat(_columns(us), len(around[0].mass_kg), axis=1)
     quiet = readings_without_noise(_group(around), u, t_ns, BOUND_STEP_S)
     pieces = np.split(quiet, len(robots), axis=1)
@@ -190,7 +190,7 @@ def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> lis
 def _roughly(
     robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
 ) -> GroupDrive:
-    """Return the readings of robots whose logger wakes up irregularly."""
+    """Return the drives of robots whose logger samples at irregular times."""
     late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     irregular = t_ns + np.round(1e9 * late).astype(np.int64)
     return driven(_group([_coarse(q) for q in robots]), _columns(us), seeds, irregular)
@@ -258,7 +258,7 @@ def _outcome(
 
 
 def _speed_estimate(fit: Fit) -> tuple[float, float]:
-    """The steady speed at a throttle, by the fit, and its standard error."""
+    """Return the estimated steady speed at a throttle of AT, and its standard error."""
     names = [
         "throttle_gain",
         "linear_drag",
@@ -286,13 +286,13 @@ def _steps(file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
 
 
 def as_sent(u: np.ndarray) -> np.ndarray:
-    """Return the commands (N, 3) of a robot as they reach the motors, and are logged: whole counts of a PWM."""
+    """Return the commands (N, 3) of a robot as the motors receive and the log stores them: whole counts of a PWM."""
     left, right = (np.round(PWM * np.clip(u[:, 0] + side * u[:, 2], -1.0, 1.0)) / PWM for side in (-1.0, 1.0))
     return np.stack([0.5 * (left + right), 0.0 * left, 0.5 * (right - left)], axis=1)
 
 
 def _car_steps(seed: int, rate_hz: float, duration_s: float, lock: float) -> np.ndarray:
-    """Throttle and servo (N, 2) that jump every 2 and 1.2 s, after a rest."""
+    """Return throttle and servo (N, 2) that jump every 2 s and 1.2 s, after a rest."""
     draw, ticks = np.random.default_rng([seed, 44]), round(duration_s * rate_hz)
     columns = []
     for low, high, hold_s in ((0.1, 0.55, 2.0), (-lock, lock, 1.2)):

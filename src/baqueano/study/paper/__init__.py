@@ -1,1 +1,1 @@
-"""The paper's case studies, reproduced: its errors and ours, its two models, and the page that shows them."""
+"""The paper's case studies, reproduced: its errors and those of baqueano, its two models, and a page of them."""

@@ -1,4 +1,4 @@
-"""Case study I of the paper, reproduced: its table, its errors, and ours; case study II beside what it implies.
+"""Reproduce case study I of the paper, with its errors and those of baqueano, and check the values of case study II.
 
 The vehicle, the excitation and the noise are those of garage/case-study-1; the accelerometer is the paper's in
 simulation and fit (errata 3). Rows are in the paper's signs: friction coefficients are negative there.
@@ -28,7 +28,7 @@ SECONDS = 60.0
 HOLD_S = 1.0
 AXES = ("x", "y", "psi")
 FREE = ("model.friction.linear", "model.friction.quadratic", "model.actuator_matrix")
-START = {  # half of the truth, and nothing known of the cross-talk
+START = {  # half of the truth, and no cross-talk
     "model.friction.linear": [3.5, 3.5, 250.0],
     "model.friction.quadratic": [1.75, 1.75, 125.0],
     "model.actuator_matrix[0,0]": 0.5,
@@ -44,7 +44,7 @@ PRINTED = {  # the paper's estimates, as printed
 
 
 def names() -> Iterator[tuple[str, str, float]]:
-    """(the paper's name, path in the vehicle file, sign between them)."""
+    """Yield (the paper's name, path in the vehicle file, sign between them) for each parameter."""
     for letter, field in (("l", "linear"), ("c", "quadratic")):
         for k, axis in enumerate(AXES):
             yield f"d_{letter}{axis}", f"model.friction.{field}[{k}]", -1.0
@@ -54,14 +54,14 @@ def names() -> Iterator[tuple[str, str, float]]:
 
 
 def recorded(seed: int, backend: str = "auto") -> tuple[VehicleFile, "Run"]:
-    """The vehicle of case study I and 60 s of random steps, each held for 1 s."""
+    """Return the vehicle of case study I and its run of 60 s of random steps, each held for 1 s."""
     vehicle = load("case-study-1")
     u = excitation("random_steps", vehicle.command.limit, SECONDS, vehicle.rate_hz, seed, hold_s=HOLD_S)
     return vehicle, simulate(vehicle, u, seed, name=f"case study I, seed {seed}", backend=backend)
 
 
 def fitted(seed: int, backend: str = "auto") -> Fit:
-    """The dynamic model from that run: from rest, an IMU without bias, as in the paper."""
+    """Return the dynamic model fitted to that run: from rest, an IMU without bias, as in the paper."""
     vehicle, run = recorded(seed, backend)
     return identify(
         run, vehicle, FREE, options=FitOptions(start=START, biases=False, at_rest=True, backend=backend)
@@ -70,13 +70,13 @@ def fitted(seed: int, backend: str = "auto") -> Fit:
 
 @dataclass(frozen=True)
 class CaseStudy:
-    """Fits of case study I at one seed or several; the table is of the first."""
+    """Fits of case study I at one seed or several; the table shows the first fit."""
 
     fits: tuple[Fit, ...]
     seeds: tuple[int, ...]
 
     def rows(self) -> list["TableRow"]:
-        """name, truth, paper, estimate, sd, in the paper's signs; what is not observable is None."""
+        """Return name, truth, paper, estimate, sd in the paper's signs; a value that is not observable is None."""
         return [
             {"name": name, "truth": truth, "paper": PRINTED[name], "estimate": estimate, "sd": sd}
             for name, truth, estimate, sd in self._values(self.fits[0])
@@ -96,24 +96,24 @@ class CaseStudy:
 
     @property
     def z(self) -> np.ndarray:
-        """(estimate − truth) / sd of all observable parameters of all seeds."""
+        """Return (estimate − truth) / sd of all observable parameters of all seeds."""
         return np.array(
             [(e - t) / sd for fit in self.fits for _, t, e, sd in self._values(fit) if e is not None and sd]
         )
 
     @property
     def inside(self) -> float:
-        """Part of the parameters within 1.96 standard errors of the truth."""
+        """Return the fraction of the parameters within 1.96 standard errors of the truth."""
         return float(np.mean(np.abs(self.z) <= 1.96))
 
     @property
     def verdict(self) -> Verdict:
-        """USABLE if the first fit is, and nothing is off by more than 4.5 standard errors."""
+        """Return the verdict of the first fit, or WARN if it is USABLE and an error exceeds 4.5 standard errors."""
         verdict = self.fits[0].verdict
         return Verdict.WARN if verdict == Verdict.USABLE and np.abs(self.z).max() > 4.5 else verdict
 
     def table(self) -> str:
-        """For people: the paper's errors in per cent of the truth, and ours."""
+        """Return a text table with the paper's errors and those of the first fit, in per cent of the truth."""
         head = (
             f"{'':8}{_('truth'):>10} {_('paper'):>11} {_('its error'):>10} {_('ours'):>12} "
             f"{_('± sd'):>9} {_('our error'):>10}"
@@ -148,7 +148,7 @@ class CaseStudy:
 
 
 def _error(value: float | None, truth: float) -> str:
-    """Per cent of the truth; absolute where that is zero."""
+    """Return the error in per cent of the truth; the value if the truth is zero."""
     if value is None:
         return ""
     if truth == 0.0:
@@ -159,8 +159,8 @@ def _error(value: float | None, truth: float) -> str:
 def case_study(
     seed: int = 0, seeds: int = 1, backend: str = "auto", each: Callable[[int], None] | None = None
 ) -> CaseStudy:
-    """Fits at `seeds` seeds from `seed` on; `each` is called after each of them. Ctrl-C ends it with those that
-    are done, if that is one or more."""
+    """Fit case study I at `seeds` seeds from `seed` on; `each` is called after each of them. Ctrl-C ends it with the
+    finished fits, if there is at least one."""
     every = tuple(range(seed, seed + seeds))
     fits = spread_over(lambda s: fitted(s, backend), every, each=each)
     if not fits:
@@ -170,7 +170,7 @@ def case_study(
 
 @dataclass(frozen=True)
 class ImpliedParameters:
-    """Case study II: what is printed, and what it would mean."""
+    """Case study II: the printed values, and their consequences."""
 
     mass_kg: float = 0.61
     radius_m: float = 0.07
@@ -180,7 +180,7 @@ class ImpliedParameters:
     T_33: float = 0.000965
 
     def rows(self) -> list["TableRow"]:
-        """printed, implied, and what one would expect."""
+        """Return for each printed value its consequence and the expected one."""
         disc = 0.5 * self.mass_kg * self.radius_m**2
         gyration = np.sqrt(self.inertia / self.mass_kg)
         turning, with_disc = self.T_33 / self.inertia, self.T_33 / disc
@@ -214,7 +214,7 @@ class ImpliedParameters:
         return [dict(zip(("printed", "implies", "expected"), row, strict=True)) for row in figures]
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return the printed values, their consequences and the expected ones as text."""
         return "\n".join(
             [
                 _("Case study II, as printed"),

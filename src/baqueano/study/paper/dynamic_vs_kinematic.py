@@ -1,8 +1,8 @@
-"""The paper's remark, measured: which model predicts accelerations better, which one velocities?
+"""Compare the two models of the paper: which one predicts accelerations better, which one velocities.
 
-Both are fitted to the same run and judged on another: by R, the covariance of μ_t − g(u, μ_{t−1}) against the truth
-(one step ahead); and by the velocity estimate of the EKF with this model. The kinematic V is found from the true
-velocity, "the real values provided to simulate the system", as the paper's is: an IMU alone hardly shows it.
+Both are fitted to the same run and evaluated on another one: by R, the covariance of μ_t − g(u, μ_{t−1}) against the
+truth (one step ahead); and by the velocity estimate of the EKF with this model. The kinematic V is fitted to the true
+velocity, "the real values provided to simulate the system", as in the paper: an IMU alone hardly shows it.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class JudgedModel:
 
 
 def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
-    """The same vehicle with the kinematic model in place of its own."""
+    """Return the same vehicle with the kinematic model instead of its own."""
     a, b = vehicle.text.index("[model]"), vehicle.text.index("[sensors")
     return parse(vehicle.text[:a] + KINEMATIC + vehicle.text[b:], f"{vehicle.name}, kinematic")
 
@@ -50,7 +50,7 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
 def compare_models(
     dynamic: Fit, run: "Run", validation_run: "Run", backend: str = "auto"
 ) -> tuple[JudgedModel, JudgedModel]:
-    """The dynamic model of `dynamic` and the kinematic one, fitted to the same `run`."""
+    """Return the evaluations of the model of `dynamic` and of the kinematic one, both fitted to `run`."""
     kinematic = identify(
         run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
     )
@@ -71,7 +71,7 @@ def _judged_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backe
 
 
 def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
-    """A row per model: one-step errors (square roots of R) and the EKF's velocity errors."""
+    """Return a row per model: one-step errors (square roots of R) and the EKF's velocity errors."""
     return [
         {
             "model": j.model,
@@ -87,7 +87,7 @@ def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
 
 
 def table(judged: tuple[JudgedModel, ...]) -> str:
-    """Return the table as text."""
+    """Return the rows as a text table."""
     figures = rows(judged)
     keys = list(figures[0])
     lines = ["  ".join(f"{_(key):>22}" for key in keys)]

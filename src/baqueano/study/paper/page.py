@@ -1,4 +1,4 @@
-"""The page of `baqueano study paper`: tables and the paper's two figures, drawn from our own runs."""
+"""The page of `baqueano study paper`: tables and the paper's two figures, drawn from runs of baqueano."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ CLOSED = N_(
 
 
 def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: str = "auto") -> Page:
-    """Return everything, on one page."""
+    """Return the page with the tables and figures of the case studies."""
     fit = study.fits[0]
     labels = [label(c) for c in fit.channels]
     measured, predicted = (

@@ -1,1 +1,1 @@
-"""Recordings that others made, each a module with rows(say, backend): what was found, and the bar it is held to."""
+"""Recordings from other authors, each in a module whose function `rows` returns its results and their bars."""

@@ -1,4 +1,4 @@
-"""A figure of a recording beside the bar that it is held to."""
+"""A figure of a recording with its bar."""
 
 from typing import TYPE_CHECKING
 
@@ -7,5 +7,5 @@ if TYPE_CHECKING:
 
 
 def row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":
-    """A row of a table of recordings."""
+    """Return a row of a table of recordings: a value, its bar, and True if it meets the bar."""
     return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

@@ -1,12 +1,12 @@
-"""A real car of 1:18 (CPM Lab µCar), driven twice under a camera: chosen and fitted on one run, judged on the other.
+"""A real car of 1:18 (CPM Lab µCar), driven twice under a camera: a model fitted to one run, evaluated on the other.
 
-Nothing that the garage's file of this car says of it is used but its tape measure: gyro and odometer count as
-perfect, the delay is 0, and the model begins bare, with a gain, viscous drag and what steers. What else it has is
-chosen on the run itself (selection/selection.py), the effect of the logged battery among the candidates. Judged is the
-speed of the whole other run, simulated from throttle and servo alone, in the odometer's own unit.
+From the garage's file of this car only the dimensions are used: gyro and odometer count as perfect, the delay is 0, and
+the model begins with only a gain, viscous drag and the steering. Its other terms are chosen on the run itself
+(selection/selection.py); the effect of the logged battery voltage is one of the candidates. The evaluation is the speed
+of the whole other run, simulated from throttle and servo only, in the odometer's own unit.
 
-The scale of the gyro and the clock of the camera are calibrated against the camera (identify/sensor_calibration.py),
-which begins on its own clock: what the map adds to it is taken off first.
+The scale of the gyro and the clock of the camera are calibrated against the camera (identify/sensor_calibration.py).
+The camera begins on its own clock: the shift that the map adds to it is removed first.
 """
 
 from collections.abc import Callable
@@ -40,16 +40,16 @@ NEUTRAL = {
     "model.drivetrain.battery_v": 7.4,  # two cells, as printed on them
     "model.drivetrain.battery_nominal_v": 7.4,
 }
-EXPLAINED = {"a": 0.94, "b": 0.98}  # of the variance of the other run's speed, by the run that was fitted
-GYRO, NEAR = 0.966, 0.003  # what the truth turns per turn of the gyro
-CLOCK_S, CLOSE_S = {"a": 0.045, "b": 0.040}, 0.010  # to be added to the truth's stamps, by correlation
+EXPLAINED = {"a": 0.94, "b": 0.98}  # part of the variance of the other run's speed, by the run of the fit
+GYRO, NEAR = 0.966, 0.003  # true rotation per measured rotation of the gyro
+CLOCK_S, CLOSE_S = {"a": 0.045, "b": 0.040}, 0.010  # to be added to the truth's timestamps, by correlation
 DRY = {"dry friction", "dead zone", "dead zone forward", "dead zone backward"}
 BATTERY = "battery voltage"
 CAR = "cpm_mucar"
 
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """recording, quantity, value, bar, ok. FileError where the recordings are missing."""
+    """Return recording, quantity, value, bar, ok. Raise FileError if the recordings are missing."""
     runs = {name: with_raw_clock(name) for name in MAPS}
     car = load("car").with_values(NEUTRAL)
     out = []
@@ -70,14 +70,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 
 
 def with_raw_clock(name: str) -> "Run":
-    """Run "a" or "b", the camera on its own clock."""
+    """Return run "a" or "b" with the camera on its own clock."""
     column_map = load_map(MAPS[name])
     camera = column_map.files["camera"]._replace(shift_s=0.0)
     return import_run(column_map._replace(files={**column_map.files, "camera": camera})).run
 
 
 def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list["TableRow"]:
-    """Speed of the other run, the terms, the battery."""
+    """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share, bar = figures["odometer[0]"].explained, EXPLAINED[name]
     dry = DRY.intersection(choice.taken)
@@ -108,7 +108,7 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
 
 
 def of_calibration(calibration: Calibration, name: str) -> list["TableRow"]:
-    """Gyro and clock. The vehicle file's gyro_scale is the inverse: what the gyro says of a turn."""
+    """Return the rows on gyro and clock; the vehicle file's gyro_scale is measured rotation per true rotation."""
     turn, offset = 1.0 / calibration.value("sensors.imu.gyro_scale"), calibration.value("clock.truth")
     near = abs(turn - GYRO) <= NEAR
     close = abs(offset - CLOCK_S[name]) <= CLOSE_S

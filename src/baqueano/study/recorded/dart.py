@@ -1,9 +1,9 @@
 """DART's JetRacer (TU Delft): throttle steps from rest on two floors, every other run held out.
 
-Of each floor the 1st, 3rd, 5th … run go into one fit; the 2nd, 4th, 6th … are simulated from the throttle alone, from
-rest, and held against the encoder. The vehicle file (jetracer.toml) begins from guesses. What is free is the drive of a
-car: gain, viscous and dry friction, the drag of the driven motor, dead zone, delay. The dead zone is compared to two
-digits, as the bar is told.
+Of each floor the 1st, 3rd, 5th … run are fitted together; the 2nd, 4th, 6th … are simulated from the throttle only,
+from rest, and compared with the encoder. The vehicle file (jetracer.toml) contains guesses. The free parameters are the
+drive of a car: gain, viscous and dry friction, drag of the driven motor, dead zone, delay. The dead zone is rounded to
+two digits, as its bar.
 """
 
 from collections.abc import Callable
@@ -44,12 +44,12 @@ RMSE_M_S, LOW, HIGH = 0.092, 0.14, 0.17
 
 
 def files() -> list[str]:
-    """Return the files that this reads."""
+    """Return the names of the files that this study reads."""
     return [f"dart_jetracer/{pattern}.csv.gz" for pattern in FLOORS.values()]
 
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """recording, quantity, value, bar, ok."""
+    """Return rows of recording, quantity, value, bar, ok."""
     out = []
     for floor, pattern in FLOORS.items():
         runs = runs_of(pattern)
@@ -76,14 +76,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 
 
 def runs_of(pattern: str) -> list["Run"]:
-    """The throttle steps of a floor, in the order in which they were driven."""
+    """Return the throttle steps of a floor, in the order in which they were driven."""
     folder = next(f for f in data_folders() if (f / MAP).is_dir())
     paths: list[Path | str] = [str(folder / MAP / f"{pattern}.csv.gz")]
     return [imported_run.run for imported_run in import_runs(MAP, paths)]
 
 
 def judged(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
-    """The fit to every other run, and the error of the speed of the others [m/s rms]."""
+    """Return the fit to every other run, and the rms speed error of the other runs [m/s]."""
     file = load(Path(__file__).parent / "jetracer.toml")
     fit = identify(
         runs[0::2], file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)

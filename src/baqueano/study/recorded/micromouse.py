@@ -2,9 +2,9 @@
 
 Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep; 2 s a step, 5 of 255 a step.
 They are compared with a sweep of another day and battery, in steps of 1. The dead band is the mean of both wheels and
-ways, in units of the duty. It is compared with the duty at which the wheels of the other sweep begin to turn; one of
-them, left forward, sticks until 65 and then turns at once, which no dead zone is. The asymmetry is how much faster the
-right wheel turns by the model, over the commands at which both wheels turned.
+directions, in units of the duty. It is compared with the duty at which the wheels of the other sweep begin to turn; the
+left one, forward, sticks until 65 and then turns at once, which no dead zone can model. The asymmetry is the excess
+speed of the right wheel by the model, over the commands at which both wheels turned.
 """
 
 from collections.abc import Callable
@@ -34,20 +34,20 @@ FREE = (
     "model.drivetrain.dead_zone_backward",
     "model.drivetrain.coast",
 )
-FULL = 255.0  # of the author's duty
+FULL = 255.0  # full duty in the author's unit
 TURNS_M_S = 0.03  # 18 rpm, about one count of the encoders a measurement
-NEAR = 0.10  # of the dead band: one step of the sweep that was fitted
+NEAR = 0.10  # of the dead band: one step of the fitted sweep
 ASYMMETRY, BESIDE = 0.09, 0.02
 EXPLAINED = 0.98  # of the speeds of a sweep with another battery, at most 5 % apart in voltage
 
 
 def files() -> list[str]:
-    """Return the files that this reads."""
+    """Return the names of the files that this study reads."""
     return [f"micromouse_pwm/{FITTED}", f"micromouse_pwm/{OTHER}"]
 
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """recording, quantity, value, bar, ok."""
+    """Return rows of recording, quantity, value, bar, ok."""
     say(_("micromouse: fitting a sweep of the duty, judging another one"))
     run, test_run = run_of(FITTED), run_of(OTHER)
     fit = fitted(run, backend)
@@ -78,27 +78,27 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 
 
 def run_of(file: str) -> "Run":
-    """A sweep."""
+    """Return the run of a sweep."""
     path = next(p for f in data_folders() if (p := f / "micromouse_pwm" / file).exists())
     return import_run("micromouse_ms", [path]).run
 
 
 def fitted(run: "Run", backend: str = "auto") -> Fit:
-    """The fit to one sweep."""
+    """Return the fit to one sweep."""
     return identify(
         run, load(Path(__file__).parent / "micromouse.toml"), FREE, options=FitOptions(backend=backend)
     )
 
 
 def dead_band(fit: Fit) -> float:
-    """Mean of wheels and ways, of 255."""
+    """Return the dead band, the mean over wheels and directions [of 255]."""
     drivetrain = fit.vehicle_file.vehicle.drivetrain
     zones = np.concatenate([drivetrain.dead_zone_forward, drivetrain.dead_zone_backward])
     return FULL * float(zones.mean())
 
 
 def begins_to_turn(run: "Run") -> float:
-    """Mean over wheels and ways of the middle between the largest duty without motion and the next, of 255."""
+    """Return the duty at which a wheel begins to turn, between two steps; mean over wheels and directions [of 255]."""
     duty, speed = FULL * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
     thresholds = []
     for wheel in speed.T:
@@ -110,7 +110,7 @@ def begins_to_turn(run: "Run") -> float:
 
 
 def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
-    """Return how much faster the right wheel is, by the model, where turns of both were measured."""
+    """Return the excess speed of the right wheel by the model, as a fraction, for the rows where both turned."""
     z, simulated = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
     both = (np.abs(z) > TURNS_M_S).all(axis=1)
     left, right = np.abs(simulated[both]).sum(axis=0)

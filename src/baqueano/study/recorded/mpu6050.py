@@ -1,8 +1,8 @@
-"""A real MPU-6050, ten minutes at rest: the means, the scatter and the Allan deviation that others have found.
+"""A real MPU-6050, ten minutes at rest: compare means, standard deviations and Allan deviation with published ones.
 
-The author of the recording published mean and standard deviation of each axis, to six digits; here they are
-counted again from what the importer made of the file, in the author's units. The Allan deviation over 1 s is that
-of an independent implementation at the mean rate (0.0129, 0.0092, 0.0094 °/s).
+The author of the recording published mean and standard deviation of each axis, to six digits. Here they are computed
+again from the imported file, in the author's units. The Allan deviation over 1 s is compared with that of an
+independent implementation at the mean rate (0.0129, 0.0092, 0.0094 °/s).
 """
 
 import csv
@@ -33,7 +33,7 @@ AXES = "XYZ"
 
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """recording, quantity, value, bar, ok."""
+    """Return rows of recording, quantity, value, bar, ok."""
     say(_("MPU-6050 at rest, 11 min"))
     statistics = at_rest(import_run(MAP).run)
     author = _author_figures()
@@ -60,14 +60,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 
 
 def _row(quantity: str, value: float, reference: float, part: float) -> "JsonObject":
-    """A row that asks for the author's figure within a `part` of it."""
+    """Return a row that requires the author's figure within a fraction `part` of it."""
     ok = bool(abs(value - reference) <= part * abs(reference) + (5e-7 if part == DIGITS else 0.0))
     bar = f"{number(reference):g} ± {number(100 * part):g} %"
     return row(MAP, quantity, value, bar, ok)
 
 
 def _author_figures() -> dict[tuple[str, str], tuple[float, float]]:
-    """(sensor, axis) → mean and standard deviation, in g and °/s."""
+    """Return (sensor, axis) → mean and standard deviation, in g and °/s."""
     path = next(p for folder in data_folders() if (p := folder / PUBLISHED).exists())
     with path.open(encoding="utf-8") as file:
         return {
@@ -78,5 +78,5 @@ def _author_figures() -> dict[tuple[str, str], tuple[float, float]]:
 
 
 def files() -> list[str]:
-    """Return the files that this reads."""
+    """Return the names of the files that this study reads."""
     return [*(spec.path for spec in load_map(MAP).files.values() if spec.path), PUBLISHED]

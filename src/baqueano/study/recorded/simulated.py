@@ -1,4 +1,4 @@
-"""A model driven by the commands of a run alone, from where the run begins: for judging by runs it has not seen."""
+"""Simulate a model under only the commands of a run, from the start of the run: for tests on held-out runs."""
 
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def measured_and_simulated(
     file: "VehicleFile", run: "Run", sensor: str, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(K, m) what the sensor said and what the model says there, from rest."""
+    """Return the measurements (K, m) of a sensor, and the readings of the model at the same times, from rest."""
     block, vehicle = getattr(file.sensors, sensor), file.vehicle
     record = record_of(run, {sensor: block})
 
@@ -33,7 +33,7 @@ def measured_and_simulated(
 
 
 def end_of(file: "VehicleFile", run: "Run", backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
-    """(3,) the last true pose and the one that the model comes to from the first."""
+    """Return the last true pose (3,), and the pose (3,) that the model reaches from the first true one."""
     truth, vehicle = run.truth, file.vehicle
     assert truth is not None
     inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])

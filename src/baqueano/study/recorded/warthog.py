@@ -1,9 +1,9 @@
 """Warthog and Husky (norlab-ulaval/DRIVE): wheel speeds to poses, for a vehicle that skids to turn.
 
-Windows of 2 s, each a run. The two wheel radii, the effective track and the slide outward in a curve are fitted to the
-whole windows of the first half. The lidar's poses are the measurements; of each window of the second half the pose at
-its end is predicted from the one at its beginning and the wheel speeds alone. The vehicle file (warthog.toml) begins
-from the nominal radius and track; the Husky has nominal ones of its own, and is a check on another vehicle.
+Windows of 2 s, each a run. The two wheel radii, the effective track and the outward slide in a curve are fitted to the
+windows of the first half, with the lidar's poses as measurements. For each window of the second half the pose at its
+end is predicted from the pose at its beginning and the wheel speeds only. The vehicle file (warthog.toml) begins from
+the nominal radius and track; the Husky has other nominal values, and is a check on another vehicle.
 """
 
 from collections.abc import Callable
@@ -37,12 +37,12 @@ FAR_M, FAR_RAD = 0.50, np.radians(12.0)
 
 
 def files() -> list[str]:
-    """Return the files that this reads."""
+    """Return the names of the files that this study reads."""
     return list(FILES.values())
 
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """recording, quantity, value, bar, ok."""
+    """Return rows of recording, quantity, value, bar, ok."""
     out = []
     for name in FILES:
         runs = runs_of(name)
@@ -67,13 +67,13 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 
 
 def runs_of(name: str) -> list["Run"]:
-    """The windows, in the order of the file."""
+    """Return the windows, in the order of the file."""
     path = next(p for f in data_folders() if (p := f / FILES[name]).exists())
     return [imported_run.run for imported_run in import_runs(MAP, [path])]
 
 
 def start(name: str) -> VehicleFile:
-    """The vehicle file with its nominal radius and track."""
+    """Return the vehicle file with its nominal radius and track."""
     radius, track = NOMINAL[name]
     return load(Path(__file__).parent / "warthog.toml").with_values(
         {"model.velocity_matrix[0,0]": radius, "model.velocity_matrix[2,2]": 2.0 * radius / track}
@@ -81,18 +81,18 @@ def start(name: str) -> VehicleFile:
 
 
 def fitted(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
-    """The fit to whole windows."""
+    """Return the fit to these windows."""
     return identify(runs, start(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 
 def errors(file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
-    """Median error of position [m] and heading [rad] at the ends of the windows."""
+    """Return the median errors of position [m] and heading [rad] at the ends of the windows."""
     ends = np.array([np.subtract(*end_of(file, run, backend)) for run in runs])
     return float(np.median(np.hypot(ends[:, 0], ends[:, 1]))), float(np.median(np.abs(wrap(ends[:, 2]))))
 
 
 def sentence(fit: Fit, name: str) -> str:
-    """Radii and effective track."""
+    """Return a sentence with the fitted radii, effective track and slide."""
     model = fit.vehicle_file.vehicle
     radius = model.velocity_matrix[0, 0]
     left, right = radius * model.drivetrain.gain

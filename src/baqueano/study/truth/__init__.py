@@ -1,8 +1,7 @@
-"""An independent truth: simulators with equations of their own, which import nothing of the physics that they judge.
+"""An independent truth: simulators with their own equations, which import none of the physics that they evaluate.
 
-Data for studies, benchmarks and tests of statistics come from here: a fit that is judged by the step that it fits
-agrees with itself. Plain NumPy, many vehicles side by side, Runge and Kutta at 1 kHz, each step ending where a
-command is felt.
+Data for studies, benchmarks and tests of statistics come from here, because a fit agrees with data from its own model.
+Plain NumPy, many vehicles side by side, Runge-Kutta at 1 kHz; a step also ends where a command takes effect.
 """
 
 from baqueano.study.truth.bicycle import Cars, draw_cars

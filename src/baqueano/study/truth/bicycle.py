@@ -1,6 +1,6 @@
 """Cars as dynamic bicycles: tyres that slip and saturate, a motor and a servo that lag.
 
-The origin is the centre of mass, a behind the front axle and b ahead of the rear one, which drives:
+The origin is the centre of mass, a behind the front axle and b ahead of the rear axle, which is driven:
 
     motor     λ Ḟ = K (u_t − z sign u_t)₊ − F                                                             (1)
     servo     λ_s δ̇ = k u_s + δ₀ − δ                                                                      (2)
@@ -8,9 +8,9 @@ The origin is the centre of mass, a behind the front axle and b ahead of the rea
     body      m (v̇_x − ω v_y) = F − R(v_x) − Y_f sin δ,   m (v̇_y + ω v_x) = Y_f cos δ + Y_r                (4)
               I ω̇ = a Y_f cos δ − b Y_r,   R(v) = S₀ tanh(v/v₀) + r₁ v + r₂ |v| v                           (5)
 
-Gravity on a slope comes to both lines; between (1) and (4) lies transmission.py, with r₁ as the motor's back-EMF.
+Gravity on a slope is added to both lines of (4). transmission.py lies between (1) and (4), with r₁ as back-EMF.
 On a steady circle at small angles  δ = L ω/v + U v ω,  U = m (b C_r − a C_f) / (L C_f C_r): U > 0 understeers.
-Figures of a car of 1:18. An odometer turns with the rear wheels.
+The figures are those of a car of 1:18. An odometer turns with the rear wheels.
 """
 
 from collections.abc import Callable
@@ -50,25 +50,25 @@ class Cars(Group):
     air: np.ndarray  # r₂ [N s²/m²]
     floor: np.ndarray  # (n, 3) white acceleration
     slope_rad: np.ndarray  # rise of the floor
-    slope_heading_rad: np.ndarray  # towards which it rises
+    slope_heading_rad: np.ndarray  # direction in which it rises
     transmission: Transmission
     imu: Imus
 
     @property
     def states(self) -> int:
-        """Pose, velocity, force of the motor, steering angle, and what is between the motor and the floor."""
+        """Return the number of states: pose, velocity, motor force, steering angle, and those of the transmission."""
         return 8 + self.transmission.states(1)
 
     def rolled(self, x: np.ndarray) -> np.ndarray:
-        """Return the speed (n,) at which the rear wheels roll."""
+        """Return the rolling speed (n,) of the rear wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """dx/dt (n, k) under the commands that are felt (n, 2).  (1)-(5)"""
+        """Return dx/dt (n, k) under the commands in effect (n, 2).  (1)-(5)"""
         return self.under(u)(x)
 
     def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return dx/dt (n, k) as a function of the states (n, k), under the commands that are felt (n, 2).  (1)-(5)"""
+        """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 2).  (1)-(5)"""
         m, (a, b) = self.mass_kg, self.axle_m.T
         zone = np.where(u[:, 0] > 0.0, self.zone[:, 0], self.zone[:, 1])
         force_target = self.stall_n * (
@@ -99,23 +99,23 @@ class Cars(Group):
         return rate
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
-        """Gravity along body x and y (n, 2)."""
+        """Return gravity along body x and y (n, 2)."""
         return gravity_on(self.slope_rad, self.slope_heading_rad - heading_rad)
 
     @property
     def understeer(self) -> np.ndarray:
-        """U (n,) [rad s²/m]."""
+        """Return the understeer U (n,) [rad s²/m]."""
         (a, b), (front, rear) = self.axle_m.T, self.tyre_n_rad.T
         return self.mass_kg * (b * rear - a * front) / ((a + b) * front * rear)
 
     def _sideways(self, axle: int, along: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Y (n,) of an axle.  (3)"""
+        """Return the sideways force Y (n,) of an axle.  (3)"""
         slip = -across / np.sqrt(along**2 + SLOWEST_M_S**2)
         return self.grip_n[:, axle] * np.tanh(self.tyre_n_rad[:, axle] * slip / self.grip_n[:, axle])
 
 
 def draw_cars(n: int, seed: int) -> Cars:
-    """Return n cars that differ as parts of one bag do and understeer a little: U about 0.008 rad s²/m."""
+    """Return n cars with the tolerances of real parts that understeer a little: U about 0.008 rad s²/m."""
     draw = np.random.default_rng([seed, 30])
 
     def about(value: float, part: float) -> np.ndarray:

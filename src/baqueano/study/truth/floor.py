@@ -1,7 +1,7 @@
-"""Tags on a floor, read by n vehicles that pass over them: some are missed, read twice, or taken for another.
+"""Tags on a floor, read by n vehicles that pass over them: some are missed, read twice, or mistaken for another.
 
-A reader is nearest to a tag where its distance stops to shrink. Within the radius it tells its own place then, ± noise;
-a tag that is taken for another shifts that place by the way between the two.
+A reader is nearest to a tag when its distance stops decreasing. Within the radius it then reports its own position with
+noise. If a tag is mistaken for another one, that position is shifted by the vector between the two tags.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ TWICE_S = 0.05  # after the first time
 
 
 class TagFaults(NamedTuple):
-    """Rates at which a passing is missed, doubled or mistaken."""
+    """Rates at which a passage over a tag is missed, doubled or mistaken."""
 
     missed: float = 0.0
     twice: float = 0.0
@@ -21,7 +21,7 @@ class TagFaults(NamedTuple):
 
 
 class Floor:
-    """Tags at `points_m` (m, 2) and the readers of vehicles at `xy` (n, 2), each with the noise of its own seed."""
+    """Tags at `points_m` (m, 2) and the readers of vehicles at `xy` (n, 2), each with the noise of its seed."""
 
     def __init__(
         self, points_m: np.ndarray, radius_m: float, noise_m: float, seeds: Sequence[int], xy: np.ndarray,
@@ -35,7 +35,7 @@ class Floor:
         self.passed = np.zeros(len(xy), dtype=int)
 
     def read(self, t_s: float, xy: np.ndarray) -> np.ndarray:
-        """Return the places (n, 2) that are reported at `t_s`, NaN where none is."""
+        """Return the positions (n, 2) that are reported at `t_s`; NaN without a report."""
         distance, out = self._to(xy), np.full(xy.shape, np.nan)
         shrinks = distance < self._distance
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
@@ -59,5 +59,5 @@ class Floor:
         return out
 
     def _to(self, xy: np.ndarray) -> np.ndarray:
-        """Distances (n, m)."""
+        """Return the distances (n, m) from the readers to the tags."""
         return np.hypot(*np.moveaxis(xy[:, None, :] - self._points, -1, 0))

@@ -1,4 +1,4 @@
-"""Parameters of n vehicles side by side, and where the vehicles are."""
+"""Parameters of n vehicles side by side, and their motion at an instant."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, Self
@@ -16,20 +16,20 @@ class TruthGroup(NamedTuple):
 
 @dataclass(frozen=True)
 class Group:
-    """Arrays whose first axis are the vehicles, or groups of such arrays."""
+    """Arrays whose first axis is the vehicle, or groups of such arrays."""
 
     def changed(self, **values: Any) -> Self:
         """Return the vehicles with other parameters."""
         return replace(self, **values)
 
     def some(self, which: list[int]) -> Self:
-        """Return those with these numbers, one as often as it is named."""
+        """Return the vehicles with these indices, each as often as it is listed."""
         return replace(
             self, **{k: v.some(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
         )
 
     def joined(self, others: "list[Self]") -> Self:
-        """Return these and the others as one group."""
+        """Return these and the other vehicles as one group."""
         arrays = {}
         for name, value in self._all():
             more = [getattr(group, name) for group in others]

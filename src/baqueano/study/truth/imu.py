@@ -1,11 +1,11 @@
-"""Readings of n inertial measurement units, each aside of the origin, turned and tilted, at their own instant.
+"""Readings of n inertial measurement units, each with an offset from the origin, a rotation and a tilt.
 
 At (l_x, l_y) from the origin, then turned by ζ to the left, then with roll φ and pitch θ (nose down is positive):
 
     f = (v̇_x − ω v_y − ω² l_x − ω̇ l_y,  v̇_y + ω v_x − ω² l_y + ω̇ l_x) − gravity along the floor          (1)
     a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = s cos φ cos θ ω (2)
 
-s is the scale of the gyro. A low-pass of the first order may come next. A bias walks from reading to reading; the
+s is the scale of the gyro. A first-order low-pass may come next. A bias is a random walk from reading to reading; the
 converter rounds to whole steps.
 """
 
@@ -19,7 +19,7 @@ GRAVITY = 9.80665
 
 
 def gravity_on(slope_rad: np.ndarray, uphill_rad: np.ndarray) -> np.ndarray:
-    """Return gravity along body x and y (n, 2) on floors that rise by `slope_rad` (n,), `uphill_rad` from ahead."""
+    """Return gravity along body x and y (n, 2) on floors of slope `slope_rad`, uphill at `uphill_rad` from x."""
     if not np.any(slope_rad):
         return np.zeros((len(slope_rad), 2))
     down = -GRAVITY * np.sin(slope_rad)
@@ -28,20 +28,20 @@ def gravity_on(slope_rad: np.ndarray, uphill_rad: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Imus(Group):
-    """Mounts and errors of n of them."""
+    """Mounts and errors of n inertial measurement units."""
 
     place_m: np.ndarray  # (n, 2)
     turn_rad: np.ndarray  # (n,)
     tilt_rad: np.ndarray  # (n, 2) roll, pitch
     gyro_scale: np.ndarray  # (n,)
-    bias: np.ndarray  # (n, 3) [m/s², m/s², rad/s], so all below
+    bias: np.ndarray  # (n, 3) [m/s², m/s², rad/s], as all below
     noise: np.ndarray  # (n, 3) of one reading
     walk: np.ndarray  # (n, 3) of the bias in 1 s
     step: np.ndarray  # (n, 3) of the converter, 0 for none
     low_pass_s: np.ndarray  # (n,) time constant of a low-pass before it, 0 for none
 
     def quiet(self, truth: TruthGroup, floor: np.ndarray) -> np.ndarray:
-        """Return what they would show without noise (n, 3); `floor` (n, 2) is gravity along x and y."""
+        """Return the readings (n, 3) without noise; `floor` (n, 2) is gravity along x and y."""
         (vx, vy, w), (vx_dot, vy_dot, w_dot) = truth.nu.T, truth.nu_dot.T
         lx, ly = self.place_m.T
         along = vx_dot - w * vy - w * w * lx - w_dot * ly - floor[:, 0]
@@ -54,7 +54,7 @@ class Imus(Group):
         return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
     def readings(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Return the readings (n, 3): with biases that wandered by (n, 3), noise of unit normals (n, 3), rounded."""
+        """Return the readings (n, 3) with bias drift `wandered`, noise of unit normals `white`, and rounding."""
         z = quiet + wandered + self.noise * white
         safe = np.where(self.step > 0.0, self.step, 1.0)
         return np.where(self.step > 0.0, safe * np.round(z / safe), z)

@@ -1,7 +1,7 @@
-"""Runge and Kutta at 1 kHz, for n vehicles that feel the same commands at times of their own.
+"""Integrate n vehicles by Runge-Kutta at 1 kHz, with the same commands at individual delays.
 
-A command that is sent at t is felt from t + d on; a step of a vehicle ends there, so that the force inside a step is
-smooth and the error is that of the method.
+A command that is sent at t takes effect from t + d on. A step of a vehicle ends there, so that the force inside a step
+is smooth and the error is that of the method.
 """
 
 from collections.abc import Callable
@@ -10,11 +10,11 @@ import numpy as np
 
 STEP_S = 1e-3
 SHORTEST_S = 1e-9  # the rest of a step below this is rounding
-KEPT = 50  # commands that may still be on their way
+KEPT = 50  # commands that may still be delayed
 
 
 class Line:
-    """Commands on their way to n vehicles, with the delays `delay_s` (n,)."""
+    """Delay line for the commands of n vehicles, with the delays `delay_s` (n,)."""
 
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
         self._delay_s, self._all = delay_s, np.arange(len(delay_s))
@@ -22,16 +22,16 @@ class Line:
         self._commands = np.zeros((KEPT, len(delay_s), commands))  # the commands
 
     def send(self, t_s: float, u: np.ndarray) -> None:
-        """Take the commands u (n, m), in force from `t_s` until others are sent."""
+        """Store the commands u (n, m), in force from `t_s` until the next ones are sent."""
         self._sent_s = np.append(self._sent_s[1:], t_s)
         self._commands = np.concatenate([self._commands[1:], np.array(u, dtype=float)[None]])
 
     def delayed(self, t_s: np.ndarray) -> np.ndarray:
-        """Return the commands (n, m) that are felt at `t_s` (n,)."""
+        """Return the commands (n, m) in effect at `t_s` (n,)."""
         return self._commands[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
 
     def next_s(self, t_s: np.ndarray) -> np.ndarray:
-        """Return when the next one is felt (n,), infinity where none is on its way."""
+        """Return the time (n,) at which the next command takes effect; infinity if none was sent."""
         which = np.searchsorted(self._sent_s, t_s + SHORTEST_S - self._delay_s, side="right")
         coming = np.append(self._sent_s, np.inf)[which]
         return coming + self._delay_s
@@ -45,10 +45,10 @@ def integrated(
     kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     step_s: float = STEP_S,
 ) -> np.ndarray:
-    """Return the states (n, k) at the end of the span; `stepped` takes the states, the commands that are felt (n, m)
-    and the lengths of the steps (n, 1).
-
-    `kicked` takes the states at the end of a step and its lengths (n,), and returns what a rough floor makes of them.
+    """Return the states (n, k) at the end of the span; `stepped` takes states, commands in effect (n, m) and lengths
+    of the steps (n, 1).
+    `kicked` takes the states at the end of a step and its lengths (n,), and returns them with the kicks of a rough
+    floor.
     """
     at, end = np.full(len(x), span_s[0]), span_s[1]
     while np.any(at < end):
@@ -63,7 +63,7 @@ def integrated(
 
 
 def runge_kutta(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Return the states (n, k) after the times h (n, 1): dx/dt = f(x)."""
+    """Return the states (n, k) after the time steps h (n, 1), with dx/dt = f(x)."""
     a = f(x)
     b = f(x + 0.5 * h * a)
     c = f(x + 0.5 * h * b)

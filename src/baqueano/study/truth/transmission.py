@@ -1,14 +1,14 @@
 """Between a motor and the floor: a motor of the second order, gears with play, a wheel that slips.
 
-A wheel whose rim rolls at r if it does not slip, and s faster if it does; f is the force of its motor:
+The rim of a wheel moves at speed r without slip, and faster by s with slip; f is the force of its motor:
 
-    second order    λ₂ q̇ = p − q,   p the force that the motor goes towards; λ ḟ = q − f                  (1)
+    second order    λ₂ q̇ = p − q,   p the target force of the motor; λ ḟ = q − f                          (1)
     gears           T = f − e (r + s),   e its back-EMF [N s/m], which is part of the body's drag         (2)
     play            γ̇ = T/e within ± β/2;   T′ = T with γ at the end that T points to, else 0             (3)
-    slip            m ṡ = T′ − G,   G = D tanh(C s/D) is what the floor feels; without slip G = T′, s = 0 (4)
-    on the body     F = G + e r,   for its drag takes e r away: f, where nothing plays or slips           (5)
+    slip            m ṡ = T′ − G,   G = D tanh(C s/D) the force on the floor; without slip G = T′, s = 0  (4)
+    on the body     F = G + e r,   as its drag subtracts e r: F = f without play and slip                 (5)
 
-A rotor without load takes its new speed at once, so (3) needs no inertia of it. C and m are those of a wheel of 30 g.
+A rotor without load takes its new speed at once, so (3) needs no inertia. C and m are those of a wheel of 30 g.
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ import numpy as np
 from baqueano.study.truth.group import Group
 
 CREEP = 30.0  # C [N s/m]
-WHEEL_KG = 0.03  # m, of the wheel's turning at its rim
+WHEEL_KG = 0.03  # m, the inertia of the wheel reduced to its rim
 INNER = 3  # states of a wheel: q, γ, s
 
 
-class PassedCommand(NamedTuple):
-    """Transmission from the motors to the wheels of n vehicles."""
+class WheelForces(NamedTuple):
+    """Forces and state rates from the motors to the wheels of n vehicles."""
 
     target: np.ndarray  # (n, w) q
     pushed: np.ndarray  # (n, w) F
@@ -34,30 +34,30 @@ class PassedCommand(NamedTuple):
 
 @dataclass(frozen=True)
 class Transmission(Group):
-    """A number of each kind for a vehicle: arrays (n,)."""
+    """Parameters of the transmission, one of each kind per vehicle: arrays (n,)."""
 
     second_lag_s: np.ndarray  # λ₂, 0 for a motor of the first order
     play_m: np.ndarray  # β at the rim, 0 for none
-    grip_n: np.ndarray  # D of one wheel, infinity where it does not slip
+    grip_n: np.ndarray  # D of one wheel, infinity if it does not slip
 
     @classmethod
     def ideal(cls, n: int) -> Self:
-        """Return those of n vehicles that pass the force of a motor on as it is."""
+        """Return the transmissions of n vehicles that pass the motor force on unchanged."""
         return cls(np.zeros(n), np.zeros(n), np.full(n, np.inf))
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Return True where it is stateless."""
+        """Return True without a second lag, play or slip in any vehicle: then inner states are not needed."""
         return not (np.any(self.second_lag_s) or np.any(self.play_m) or np.any(np.isfinite(self.grip_n)))
 
     def states(self, wheels: int) -> int:
-        """Return how many inner states a vehicle has."""
+        """Return the number of inner states of a vehicle."""
         return 0 if self.is_ideal else INNER * wheels
 
     def passed(
         self, inner: np.ndarray, steady: np.ndarray, force: np.ndarray, rim: np.ndarray, emf: np.ndarray
-    ) -> PassedCommand:
-        """Return what becomes of p, f (n, w) at the rim speeds r (n, w), with e (n, 1).  (1)-(5)"""
+    ) -> WheelForces:
+        """Return target q, force F and state rates from p, f (n, w), rim speeds r (n, w), and e (n, 1).  (1)-(5)"""
         q, gamma, s = np.split(inner, INNER, axis=1)
         lag_s, half, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
         T = force - emf * (rim + s)
@@ -68,10 +68,10 @@ class Transmission(Group):
         q_dot = np.where(second, (steady - q) / np.where(second, lag_s, 1.0), 0.0)
         gamma_dot, s_dot = np.where(in_mesh, 0.0, T / emf), np.where(slips, (through - G) / WHEEL_KG, 0.0)
         rate = np.concatenate([q_dot, gamma_dot, s_dot], axis=1)
-        return PassedCommand(np.where(second, q, steady), G + emf * rim, rate)
+        return WheelForces(np.where(second, q, steady), G + emf * rim, rate)
 
     def slip(self, inner: np.ndarray) -> np.ndarray:
-        """Return s (n,), the mean of the wheels."""
+        """Return the slip s (n,), the mean of the wheels."""
         return np.mean(np.split(inner, INNER, axis=1)[2], axis=1) if inner.shape[1] else np.zeros(len(inner))
 
     @cached_property

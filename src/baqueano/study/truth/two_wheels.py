@@ -1,18 +1,17 @@
-"""Robots with two wheels whose physics shares nothing with the models that are fitted to them.
+"""Robots with two wheels, with physics that is independent of the models fitted to them.
 
 With the body's origin between the wheels and the centre of mass c ahead of it:
-
     duty of a wheel  p = V round(255 (u_x ∓ u_ψ)(t − d)) / 255,  within ±1, V the supply                  (1)
     motor            λ ḟ = g K (p − z sign p)₊ − f,   z the dead zone of this side and direction          (2)
     forces           X = f_l + f_r − S(v_x) − a v_x − b |v_x| v_x,   N = f_r w_r − f_l w_l − S(ω) − …       (3)
     body             m (v̇_x − ω (v_y + c ω)) = X,   m (v̇_y + c ω̇ + ω v_x) = Y,   I ω̇ = N − c Y           (4)
-    dry friction     S(v) = S₀ tanh(v/v₀) (1 + (k − 1) e^−(v/v_s)²),   breakaway k times that of driving  (5)
+    dry friction     S(v) = S₀ tanh(v/v₀) (1 + (k − 1) e^−(v/v_s)²),   at rest k times that in motion     (5)
+    unequal wheels   of radius r, relative to their mean: each has g K / r, and half of the motors' drag a,
+                     a / r² at the speed of its rim                                                       (6)
 
-    wheel of radius r by their mean: half of the motors' drag a each, g K / r,  a / r² at the speed of its rim  (6)
-
-A wheel that toes in pushes sideways too. The factor k raises a dead zone while its wheel stands. Between (2) and (3)
-lies transmission.py, with ½ a as the back-EMF of a motor. Published figures of small gear motors: 0.6 m/s, dead zones
-of 0.27 to 0.34.
+A wheel that toes in also pushes sideways. The factor k raises a dead zone while its wheel is at rest. Between (2) and
+(3) lies transmission.py, with ½ a as the back-EMF of a motor. Published figures of small gear motors: 0.6 m/s, dead
+zones of 0.27 to 0.34.
 """
 
 from collections.abc import Callable
@@ -59,25 +58,25 @@ class Robots(Group):
     breakaway: np.ndarray  # k
     floor: np.ndarray  # (n, 3) white acceleration [m/s^1.5, m/s^1.5, rad/s^1.5]
     slope_rad: np.ndarray  # rise of the floor
-    slope_heading_rad: np.ndarray  # towards which it rises
+    slope_heading_rad: np.ndarray  # direction in which it rises
     transmission: Transmission
     imu: Imus
 
     @property
     def states(self) -> int:
-        """Pose, velocity, force of the left and the right motor, and what is between them and the floor."""
+        """Return the number of states: pose, velocity, force of both motors, and those of the transmission."""
         return 8 + self.transmission.states(2)
 
     def rolled(self, x: np.ndarray) -> np.ndarray:
-        """Return the mean speed (n,) at which the wheels roll."""
+        """Return the mean rolling speed (n,) of the wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
     def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """dx/dt (n, k) under the commands that are felt (n, 3).  (1)-(5)"""
+        """Return dx/dt (n, k) under the commands in effect (n, 3).  (1)-(5)"""
         return self.under(u)(x)
 
     def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return dx/dt (n, k) as a function of the states (n, k), under the commands that are felt (n, 3).  (1)-(5)"""
+        """Return dx/dt (n, k) as a function of the states (n, k), under the commands in effect (n, 3).  (1)-(5)"""
         m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
         (left, right), (cos_toe, sin_toe), target_at = self.arm_m.T, self._toe, self._force_target(u)
 
@@ -103,11 +102,11 @@ class Robots(Group):
         return rate
 
     def gravity(self, heading_rad: np.ndarray) -> np.ndarray:
-        """Gravity along body x and y (n, 2)."""
+        """Return gravity along body x and y (n, 2)."""
         return gravity_on(self.slope_rad, self.slope_heading_rad - heading_rad)
 
     def _unequal(self, v: np.ndarray) -> np.ndarray | float:
-        """Return what wheels of unequal radius add to the friction (n, 3) at the velocities (n, 3).  (6)"""
+        """Return the additional friction (n, 3) of wheels with unequal radii, at the velocities (n, 3).  (6)"""
         if not self._differ:
             return 0.0
         more = 0.5 * self.viscous[:, :1] * (self.wheel**-2 - 1.0) * (v[:, :1] + v[:, 2:] * self.arm_m * SIDES)
@@ -131,11 +130,11 @@ class Robots(Group):
         return SCALE * self.dry_speed_m_s[:, None]
 
     def _rim(self, x: np.ndarray) -> np.ndarray:
-        """Return the speeds (n, 2) of the rims of wheels that do not slip."""
+        """Return the rim speeds (n, 2) of wheels that do not slip."""
         return x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
 
     def _force_target(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return the forces (n, 2) that the motors go towards, as a function of the states.  (1), (2)"""
+        """Return the target forces (n, 2) of the motors as a function of the states.  (1), (2)"""
         duty, levels = u[:, :1] + u[:, 2:] * SIDES, self.levels[:, None]
         duty = self.supply[:, None] * np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
         zone, most = (
@@ -163,7 +162,7 @@ class Robots(Group):
 
 
 def draw_robots(n: int, seed: int) -> Robots:
-    """Return n robots that differ as parts of one bag do."""
+    """Return n robots with the tolerances of real parts."""
     draw = np.random.default_rng([seed, 20])
 
     def about(value: float, part: float, *more: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""n vehicles in their world: commands go in, readings of the IMUs come out, and the truth can be asked for."""
+"""n vehicles in their world: it receives commands and returns the readings of the IMUs and the truth."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -11,14 +11,14 @@ from baqueano.study.truth.group import TruthGroup
 from baqueano.study.truth.integrate import SHORTEST_S, STEP_S, Line, integrated, runge_kutta
 from baqueano.study.truth.two_wheels import Robots
 
-JUST_S = 1e-6  # before now: the command that brought the vehicle here
+JUST_S = 1e-6  # before now: for the command of the step that ends now
 
 
 class TruthWorld:
-    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its own seed, the same in every group.
+    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its seed, the same in every group.
 
-    Steps of 1 ms; a longer `step_s` is for hours of driving with robots whose IMU lacks a low-pass. So is `fast`, which
-    takes a function of arrays and examples of them, and returns one that gives the same sooner."""
+    Steps of 1 ms. A longer `step_s` is for hours of driving with robots whose IMU does not have a low-pass. `fast`, for
+    long drives too, takes a function of arrays and examples of them, and returns an equal but faster function."""
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class TruthWorld:
             self._x[:, :3] = eta
         self._line, self._drift = Line(physics.delay_s, physics.commands), np.zeros((n, 3))
         self.t_s = 0.0
-        self._smooth: np.ndarray | None = None  # (n, 3) behind the low-pass
+        self._smooth: np.ndarray | None = None  # (n, 3) after the low-pass
         u = np.zeros((n, physics.commands))
         self._runge_kutta_step = fast(
             lambda x, u, h: runge_kutta(physics.under(u), x, h), self._x, u, np.ones((n, 1))
@@ -44,7 +44,7 @@ class TruthWorld:
         self._nu_dot = fast(lambda x, u: physics.rate(x, u)[:, 3:6], self._x, u)
 
     def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
-        """Return what the IMUs show (n, 3) after `dt_s` under the commands u (n, m), sent from now on."""
+        """Return the readings (n, 3) of the IMUs after `dt_s` under the commands u (n, m), sent from now on."""
         self.go(u, dt_s)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._drift = self._drift + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
@@ -59,7 +59,7 @@ class TruthWorld:
         self._advance(before, self._apply_kick if len(self._rough) else None)
 
     def _advance(self, before_s: float, kick: Any) -> None:
-        """Integrate from `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
+        """Integrate from `before_s` to now; with a low-pass, in steps of 1 ms for its filter."""
         low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
         if not np.any(low_pass_s > 0.0):
             span_s = before_s, end_s
@@ -77,23 +77,23 @@ class TruthWorld:
 
     @property
     def truth(self) -> TruthGroup:
-        """Return pose, velocity and acceleration now."""
+        """Return the present pose, velocity and acceleration of the vehicles."""
         u = self._line.delayed(np.full(len(self._x), self.t_s - JUST_S))
         return TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
 
     @property
     def rolled(self) -> np.ndarray:
-        """Return the speed (n,) at which the wheels roll: that of the vehicles, and their slip."""
+        """Return the rolling speed (n,) of the wheels: that of the vehicles plus their slip."""
         return self.physics.rolled(self._x)
 
     @property
     def wandered(self) -> np.ndarray:
-        """Return by how much the biases have walked until now (n, 3)."""
+        """Return the drift (n, 3) of the biases until now."""
         return self._drift
 
     @property
     def quiet(self) -> np.ndarray:
-        """Return the readings of IMUs without noise now (n, 3)."""
+        """Return the present readings (n, 3) of the IMUs without noise."""
         return self.physics.imu.quiet(self.truth, self.physics.gravity(self._x[:, 2]))
 
     def _apply_kick(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""NumPy text on symbols: arrays of scalars that obey NumPy's operators, elementwise functions and linear algebra."""
+"""Run NumPy code on symbols: arrays of scalars with NumPy's operators, elementwise functions and linear algebra."""

@@ -1,8 +1,8 @@
-"""Arrays of scalars: an ndarray of objects that obeys NumPy's operators and functions.
+"""Define arrays of scalars: an ndarray of objects with NumPy's operators and functions.
 
-An element is a `Scalar` or an ordinary number. Operators act element by element (elementwise.py); functions
-that only move elements (concatenate, stack, reshape, …) are NumPy's own; the rest stands in `_FUNCTIONS`.
-What holds no scalar at all is computed by NumPy, on floats.
+An element is a `Scalar` or an ordinary number. Operators act element by element (elementwise.py). Functions that only
+move elements (concatenate, stack, reshape, …) are NumPy's; `_FUNCTIONS` lists the others. NumPy computes arrays without
+scalars, on floats.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -41,25 +41,25 @@ class TracedArray(np.ndarray):
 
     @property
     def T(self) -> "TracedArray":
-        """Return the transpose, and note its origin, transposed as well."""
+        """Return the transpose, with its transposed origin."""
         result = self.transpose()
         result.origin = self.origin and self.origin.transposed()
         return result
 
     def dot(self, b: Value, out: Value = None) -> Value:
-        """self @ b."""
+        """Return self @ b."""
         return np.dot(self, b)
 
     def clip(self, min: Value = None, max: Value = None, out: Value = None, **_: Value) -> Value:
-        """np.clip."""
+        """Return np.clip of the array."""
         return _clip(self, min, max)
 
     def round(self, decimals: Value = 0, out: Value = None) -> Value:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """np.round, to whole numbers."""
+        """Return np.round of the array."""
         return _round(self, decimals)
 
     def astype(self, dtype: Value, *args: Value, **kwargs: Value) -> Value:
-        """Floats stay objects; other types need values that are known."""
+        """Return the array in another type: floats stay objects; other types need known values."""
         if np.dtype(dtype).kind in "fO":
             return self.copy()
         if has_scalars(self):
@@ -68,14 +68,14 @@ class TracedArray(np.ndarray):
 
 
 def _key(key: Value) -> Value:
-    """An index that is known, as NumPy wants it; NumPy refuses the others."""
+    """Return an index without scalars as NumPy requires it; NumPy refuses one with scalars."""
     if isinstance(key, tuple):
         return tuple([_key(k) for k in key])
     return plain(key) if isinstance(key, TracedArray) and not has_scalars(key) else key
 
 
 def has_scalars(x: Value) -> bool:
-    """Return True if any element has its value only at run time."""
+    """Return True if the value of an element is known only at run time."""
     if isinstance(x, np.ndarray):
         return x.dtype == object and any(isinstance(e, Scalar) for e in x.ravel().tolist())
     if isinstance(x, list | tuple):
@@ -84,7 +84,7 @@ def has_scalars(x: Value) -> bool:
 
 
 def as_array(x: Value) -> np.ndarray:
-    """`x` as an ndarray of objects."""
+    """Return `x` as an ndarray of objects."""
     if isinstance(x, np.ndarray):
         return x.view(np.ndarray) if x.dtype == object else x.astype(object)
     if isinstance(x, list | tuple):
@@ -95,21 +95,21 @@ def as_array(x: Value) -> np.ndarray:
 
 
 def traced(x: Value) -> Value:
-    """Return an object array of NumPy as one of ours; an array without axes becomes its only element."""
+    """Return an object array of NumPy as a TracedArray; an array without axes becomes its only element."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return x.view(TracedArray) if x.ndim else x.item()
     return type(x)([traced(e) for e in x]) if type(x) in (list, tuple) else x
 
 
 def plain(x: Value) -> Value:
-    """Without scalars: as NumPy would have it."""
+    """Return `x`, which must not contain scalars, as an ordinary array of NumPy."""
     if isinstance(x, TracedArray):
         return np.array(x.tolist()) if x.size else np.zeros(x.shape)
     return type(x)([plain(e) for e in x]) if type(x) in (list, tuple) else x
 
 
 def filled_later(x: Value) -> Value:
-    """An array of floats, ready to receive scalars."""
+    """Return an array of floats as one that can receive scalars; any other value unchanged."""
     return (
         x.astype(object).view(TracedArray)
         if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim
@@ -118,7 +118,7 @@ def filled_later(x: Value) -> Value:
 
 
 def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
-    """NumPy's operators and elementwise functions."""
+    """Apply an operator or an elementwise function of NumPy."""
     out = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
         result = filled_later(getattr(ufunc, method)(*map(plain, inputs), **kwargs))
@@ -143,7 +143,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
 
 
 def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: dict[str, Value]) -> Value:
-    """NumPy's other functions."""
+    """Apply another function of NumPy."""
     if function in _IN_PLACE:
         return _original(function)(*args, **kwargs)
     if not has_scalars([*args, *kwargs.values()]):
@@ -168,14 +168,14 @@ def where(condition: Value, a: Value, b: Value) -> Value:
     Parameters
     ----------
     condition : bool or ndarray
-        Where to take `a`.
+        True for the entries of `a`.
     a, b : float or ndarray
         Of shapes that broadcast ().
 
     Returns
     -------
     float or ndarray
-        Entry by entry.
+        The chosen entries.
 
     Examples
     --------
@@ -193,9 +193,9 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
     Parameters
     ----------
     x : float or ndarray
-        Where to interpolate.
+        The points of interpolation.
     xp : ndarray (m,)
-        Places of the table, increasing.
+        Abscissae of the table, increasing.
     fp : ndarray (m,)
         Values of the table; they hold beyond its ends.
 
@@ -246,7 +246,7 @@ def _interp(
 
 
 def _hats(x: Value, xp: Value, fp: Value) -> Value:
-    """A table whose values are known only at run time, as a sum of ramps: for a few points."""
+    """Return the value of a table known only at run time, as a sum of ramps: for a few points."""
     if len(xp) > 100:
         raise untraceable("trace.interp-points", points=len(xp))
     y = fp[0]

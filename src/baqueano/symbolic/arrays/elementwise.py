@@ -1,4 +1,4 @@
-"""NumPy's elementwise functions on arrays of objects: each element goes through `apply`."""
+"""Apply NumPy's elementwise functions to arrays of objects: each element goes through `apply`."""
 
 from collections.abc import Callable
 from operator import add, mul, neg, sub
@@ -10,7 +10,7 @@ from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, r
 
 
 def elementwise(function: Callable[..., Value] | str, **identity: Value) -> np.ufunc:
-    """A function of one or two elements, or the operator of this name, on arrays of objects."""
+    """Return a ufunc for arrays of objects, from a function of one or two elements or the name of an operator."""
     if isinstance(function, str):
         op = function
         if op in _TWO:

@@ -1,8 +1,8 @@
-"""Linear algebra of small matrices of scalars: products, triangular factors, and what they know of symmetry.
+"""Compute linear algebra of small matrices of scalars: products and triangular factors, with the use of symmetry.
 
-A product remembers its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, the
-other is the same scalars. And with A = I − K H the product A B is B − K (H B), which needs fewer operations.
-Nothing has to be declared: two entries are the same where they are the same node.
+A product keeps its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, the other one has the
+same scalars. With A = I − K H the product A B is B − K (H B), which needs fewer operations. Nothing has to be declared:
+two entries are equal if they are the same node.
 """
 
 from typing import NamedTuple
@@ -23,12 +23,12 @@ class Origin(NamedTuple):
     cells: np.ndarray  # as it was made: it may have been written to since
 
     def transposed(self) -> "Origin":
-        """Of the transposed matrix."""
+        """Return the origin of the transposed matrix."""
         return Origin(self.right.T, self.left.T, self.complement, self.cells.T)
 
 
 def matmul(a: Value, b: Value) -> Value:
-    """a @ b for vectors and matrices; with a plain number, np.dot's product."""
+    """Return a @ b for vectors and matrices; with a plain number, the product of np.dot."""
     from baqueano.symbolic.arrays.array import as_array, traced
 
     x, y = as_array(a), as_array(b)
@@ -53,7 +53,7 @@ def origin_of(x: Value) -> Origin | None:
 
 
 def remember_complement(result: Value, a: Value, b: Value) -> None:
-    """`result` is a − b: is it I − K H?"""
+    """Note the origin of `result` = a − b, if it is I − K H."""
     origin = origin_of(b)
     if origin is None or origin.complement or not isinstance(a, np.ndarray) or a.shape != b.shape:
         return
@@ -62,12 +62,12 @@ def remember_complement(result: Value, a: Value, b: Value) -> None:
 
 
 def same(a: np.ndarray, b: np.ndarray) -> bool:
-    """Equal shapes, and each entry the same scalar or number."""
+    """Return True if the shapes are equal and each entry is the same scalar or number."""
     return a.shape == b.shape and all(map(_identical, a.ravel().tolist(), b.ravel().tolist()))
 
 
 def is_symmetric(a: np.ndarray) -> bool:
-    """A square matrix whose mirrored entries are the same scalars."""
+    """Return True for a square matrix whose mirrored entries are the same scalars."""
     return a.ndim == 2 and len(a) == a.shape[1] and same(a, a.T)
 
 
@@ -94,7 +94,7 @@ def _product(a: np.ndarray, b: np.ndarray, of_a: Origin | None, of_b: Origin | N
 
 
 def _closes(of_a: Origin, b: Value) -> bool:
-    """a = L P is followed by b = Lᵀ, with P symmetric."""
+    """Return True if a = L P is followed by b = Lᵀ, with P symmetric."""
     return same(of_a.left, (b.cells if isinstance(b, Origin) else b).T) and is_symmetric(of_a.right)
 
 
@@ -111,8 +111,10 @@ def _is_zero(x: Value) -> bool:
 
 
 def solve(a: Value, b: Value) -> Value:
-    """x with a x = b, b (n,) or (n, m): by L D Lᵀ where a is symmetric, else by L U. Rows change places only
-    where that is certain before run time."""
+    """Return x with a x = b, b (n,) or (n, m): by L D Lᵀ if a is symmetric, else by L U.
+
+    Rows are exchanged only if the choice is certain before run time.
+    """
     from baqueano.symbolic.arrays.array import as_array, traced
 
     A, x = as_array(a).copy(), as_array(b).copy()
@@ -122,12 +124,12 @@ def solve(a: Value, b: Value) -> Value:
 
 
 def inv(a: Value) -> Value:
-    """a⁻¹."""
+    """Return a⁻¹."""
     return solve(a, np.eye(len(a)))
 
 
 def det(a: Value) -> Value:
-    """The product of the pivots."""
+    """Return the determinant, the product of the pivots."""
     from baqueano.symbolic.arrays.array import as_array
 
     A = as_array(a).copy()
@@ -139,7 +141,7 @@ def det(a: Value) -> Value:
 
 
 def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False) -> Value:
-    """Square root of the sum of squares."""
+    """Return the square root of the sum of squares."""
     if ord not in (None, 2, "fro") or (ord == 2 and np.ndim(x) == 2 and axis is None):
         raise untraceable("trace.norm")
     return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
@@ -161,7 +163,7 @@ def _solve(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _pivot(A: np.ndarray, k: int) -> int:
-    """Brings a good pivot to row k and says from where: the largest number, or the first scalar."""
+    """Move a good pivot to row k and return its former row: the largest number, or the first scalar."""
     column = A[k:, k].tolist()
     if isinstance(column[0], Scalar):
         return k
@@ -175,7 +177,7 @@ def _pivot(A: np.ndarray, k: int) -> int:
 
 
 def _eliminate(A: np.ndarray, k: int, symmetric: bool) -> dict[int, Value]:
-    """Clears column k below the diagonal; the factor of each row. What is symmetric stays so."""
+    """Clear column k below the diagonal, keeping a symmetric matrix symmetric; return the factor of each row."""
     inverse = apply("div", 1.0, A[k, k])
     factors = {i: A[i, k] * inverse for i in range(k + 1, len(A)) if not _is_zero(A[i, k])}
     for i, factor in factors.items():

@@ -1,8 +1,8 @@
-"""Stand-ins for a number while a function is traced or derived: a `Node` of a graph, or a `Dual` number.
+"""Represent a number while a function is traced or differentiated: a `Node` of a graph, or a `Dual` number.
 
-Both are elements of object arrays and obey the operators of Python and NumPy. `apply` is the one place where
-an operator meets its arguments: floats are computed, nodes are put into their graph, dual numbers bring their
-derivatives along. A truth is a bool, or a scalar that is 0 or 1.
+Both are elements of object arrays and have the operators of Python and NumPy. Only `apply` applies an operator to its
+arguments: floats are computed, nodes are put into their graph, dual numbers carry their derivatives along. A truth
+value is a bool, or a scalar that is 0 or 1.
 """
 
 from collections.abc import Callable, Iterable
@@ -28,7 +28,7 @@ def apply(op: str, *args: Value, value: Value = None) -> Value:
 
 
 def power(a: Value, b: Value) -> Value:
-    """aᵇ; a small whole exponent is a chain of multiplications."""
+    """Return aᵇ; a small integer exponent becomes a chain of multiplications."""
     if isinstance(b, Scalar):
         return apply("pow", a, b)
     if not isinstance(a, Scalar):
@@ -46,17 +46,17 @@ def power(a: Value, b: Value) -> Value:
 
 
 def quotient(a: Value, b: Value) -> Value:
-    """⌊a / b⌋."""
+    """Return ⌊a / b⌋."""
     return apply("floor", apply("div", a, b))
 
 
 def remainder(a: Value, b: Value) -> Value:
-    """a − b ⌊a / b⌋, with the sign of b."""
+    """Return a − b ⌊a / b⌋, with the sign of b."""
     return a - b * quotient(a, b)
 
 
 def rounded(a: Value) -> Value:
-    """The nearest whole number, the even one of two."""
+    """Return the nearest integer, the even one for a tie."""
     r = apply("floor", a + 0.5)
     tie = apply("and", apply("eq", r - a, 0.5), apply("ne", remainder(r, 2.0), 0.0))
     return r - tie
@@ -93,7 +93,7 @@ class Scalar:
     shape, ndim, size = (), 0, 1
 
     def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """`apply` where this is the scalar of the highest level among `args`."""
+        """Apply an operator; this is the scalar of the highest level among `args`."""
         raise NotImplementedError
 
     __add__, __radd__ = _binary("add"), _binary("add", swapped=True)
@@ -145,34 +145,34 @@ class Scalar:
 
     @property
     def T(self) -> "Scalar":
-        """Return itself: a scalar does not have axes."""
+        """Return the scalar unchanged: it does not have axes."""
         return self
 
     def item(self) -> "Scalar":
-        """Itself, as NumPy's item() of one element."""
+        """Return the scalar, as NumPy's item() of one element."""
         return self
 
     copy = conjugate = item
 
     def clip(self, low: Value = None, high: Value = None) -> Value:
-        """np.clip."""
+        """Return np.clip of the scalar."""
         return np.clip(self, low, high)  # pyright: ignore[reportCallIssue, reportArgumentType]
 
     def reshape(self, *shape: Value) -> Value:
-        """np.reshape."""
+        """Return np.reshape of the scalar."""
         from baqueano.symbolic.arrays.array import as_array
 
         return as_array(self).reshape(*shape)
 
     def astype(self, dtype: Value) -> "Scalar":
-        """Floats and truths stay what they are; a whole number would need a rounding."""
+        """Return the scalar: floats and truth values stay unchanged. TraceError for an integer type (rounding)."""
         if np.dtype(dtype).kind in "iu":
             raise untraceable("trace.needs-int")  # fmt: skip
         return self
 
 
 _OPERANDS = (Scalar, *NUMBERS)
-# NumPy asks the elements of an object array for these, where the array itself is not one of ours.
+# NumPy calls these methods of the elements if an object array is not a TracedArray.
 _METHODS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan"} | {
     name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "floor")
 }

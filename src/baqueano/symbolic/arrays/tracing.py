@@ -1,8 +1,8 @@
-"""While a function is traced, NumPy's makers of arrays make arrays that can hold scalars.
+"""Replace NumPy's constructors of arrays during a trace by ones whose arrays can hold scalars.
 
-`np.array([x, 0.0])` never asks its elements, and `A = np.zeros((3, 3)); A[0, 1] = x` needs room for more than
-floats. So these names of the module `numpy` are replaced for as long as a trace runs in any thread, and put
-back as they were. Other threads, and NumPy's own code, get what they always got.
+`np.array([x, 0.0])` never calls its elements, and `A = np.zeros((3, 3)); A[0, 1] = x` needs room for more than floats.
+So these names of the module `numpy` are replaced while a trace runs in any thread, and restored afterwards. For other
+threads, and for NumPy's code, the functions work as usual.
 """
 
 import sys
@@ -37,7 +37,7 @@ _before: dict[str, Value] = {}
 
 @contextmanager
 def tracing() -> Iterator[int]:
-    """Arrays hold scalars within; gives how many traces this one is inside of, itself counted."""
+    """Let arrays hold scalars within the context; yield the depth of this trace, 1 for the outermost."""
     global _running
     with _lock:
         if _running == 0:

@@ -1,1 +1,1 @@
-"""The C back end: a program → C text → a library, kept by its content."""
+"""Compile a program in C: program → C code → a library, stored under a hash of its content."""

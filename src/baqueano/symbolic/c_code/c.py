@@ -1,4 +1,4 @@
-"""The C back end: a `Program` as functions of a library, each made when it is first asked for."""
+"""Make a `Program` runnable in C: functions of a library, each compiled when it is first called."""
 
 import ctypes
 import os
@@ -27,7 +27,7 @@ def make_kernel(program: Program) -> "CKernel":
 
 
 class CKernel:
-    """Arrays are float64 and C-contiguous; those that are written to are the caller's."""
+    """The kernel in C. Arrays are float64 and C-contiguous; those that are written to are the caller's."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -38,7 +38,7 @@ class CKernel:
 
     @property
     def source(self) -> str:
-        """The C text of what was made so far; of `run` if nothing was."""
+        """Return the C code generated so far, or that of `run` if none was generated."""
         if not self.texts:
             self._text("values")
         return "\n".join(self.texts.values())
@@ -52,7 +52,7 @@ class CKernel:
         outputs: np.ndarray,
         final: np.ndarray,
     ) -> None:
-        """N ticks: outputs (N, m) and the carry after the last, (c,), are filled."""
+        """Run N ticks: fill outputs (N, m) and the carry after the last one, (c,)."""
         self._function("values")(n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
 
     def bind(
@@ -64,9 +64,9 @@ class CKernel:
         outputs: np.ndarray,
         final: np.ndarray,
     ) -> Callable[[], object]:
-        """`run` on these very arrays, whose addresses are asked for once. The caller keeps them alive.
+        """Return `run` bound to these arrays, whose addresses are read once. The caller keeps them alive.
 
-        It holds the interpreter's lock: a tick of microseconds should not wait for other threads to give it back.
+        The call holds the interpreter's lock: a tick of microseconds should not wait for other threads to release it.
         """
         addresses = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
         self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
@@ -84,7 +84,7 @@ class CKernel:
         outputs: np.ndarray,
         d_outputs: np.ndarray,
     ) -> None:
-        """Outputs (N, m) and their derivatives by theta, (N, m, p), are filled."""
+        """Fill outputs (N, m) and their derivatives by theta, (N, m, p)."""
         addresses = _addresses(theta, start, inputs)
         function = self._function("sensitivities", hasty=True)  # -O3 takes twice as long for long ones
         function(n, *addresses, 0.0, *_addresses(outputs, d_outputs), None)
@@ -92,7 +92,7 @@ class CKernel:
     def total(
         self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, gradient: bool
     ) -> tuple[float, np.ndarray | None]:
-        """The only output, summed over the ticks, and, if asked for, its gradient (p,)."""
+        """Return the only output, summed over the ticks, and its gradient (p,) or None, by `gradient`."""
         cost, slope = np.zeros(1), np.zeros(len(theta))
         function = self._function("gradient" if gradient else "cost")
         function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, slope), None)
@@ -101,7 +101,7 @@ class CKernel:
     def normal_equations(
         self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, huber: float | None
     ) -> tuple[float, np.ndarray, np.ndarray]:
-        """The outputs as residuals: Σ ρ, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
+        """Return Σ ρ of the outputs as residuals, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
         cost, gradient, upper = np.zeros(1), np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
         bend = np.inf if huber is None else huber
         addresses = _addresses(theta, start, inputs)
@@ -120,8 +120,10 @@ class CKernel:
         outputs: np.ndarray | None,
         final: np.ndarray,
     ) -> None:
-        """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
-        others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
+        """Run L vehicles: theta (L, p), start (L, s). Fill final (L, c), and outputs (L, N, m) unless it is None.
+
+        Inputs that `is_shared` are columns of shared (N, ·), the others those of own (L, N, ·).
+        """
         function = self._function("batch", tuple(is_shared), outputs is not None, hasty=self.program.hasty)
 
         def run(part: slice) -> None:
@@ -178,7 +180,7 @@ def _addresses(*arrays: np.ndarray) -> list[int]:
 
 
 def _parts(count: int, n: int) -> list[slice]:
-    """The vehicles for each processor, in whole vectors; all for one if there is little to do."""
+    """Return the vehicles for each processor, in whole vectors; one part if there is little to do."""
     processors = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     threads = min(processors, count // c_bodies.LANES, count * n // WORTH_A_THREAD)
     if threads < 2:

@@ -1,4 +1,4 @@
-"""The functions that a kernel may have, as C text: one loop over the ticks each, around the same arithmetic.
+"""Generate the functions of a kernel as C code: one loop over the ticks each, around the same arithmetic.
 
 All but `batch` have one signature: n ticks; θ, start and inputs in; one setting; up to three arrays out.
 """
@@ -34,7 +34,7 @@ UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line 
 
 
 class DerivativeProgram(NamedTuple):
-    """A program, the rows of its tangents, and the order of both: all functions with derivatives share them."""
+    """A program, the rows of its tangents, and the order of both, shared by all functions with derivatives."""
 
     program: Program
     rows: list[Tangents]
@@ -42,7 +42,7 @@ class DerivativeProgram(NamedTuple):
 
 
 def differentiated(program: Program) -> DerivativeProgram:
-    """Return the rows by the rule that needs fewer operations at a tick."""
+    """Return the program with tangents, kept or eliminated, whichever needs fewer operations per tick."""
     bodies = []
     for eliminate in (False, True):
         rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
@@ -55,8 +55,11 @@ def differentiated(program: Program) -> DerivativeProgram:
 
 
 def values(program: Program) -> str:
-    """first (n, m): the outputs; second (c,): the carry after the last tick. `again` has all but the setting in one
-    array: a call of one argument costs a third of one of eight."""
+    """Return the code that fills first (n, m), the outputs, and second (c,), the carry after the last tick.
+
+    The function `again` takes all but the setting in one array: a call with one argument costs a third of one with
+    eight.
+    """
     text = CText(width=1)
     text.lines.append(SIGNATURE)
     order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
@@ -73,7 +76,7 @@ def values(program: Program) -> str:
 
 
 def sensitivities(slopes: DerivativeProgram) -> str:
-    """first (n, m): the outputs; second (n, m, p): their derivatives by θ."""
+    """Return the code that fills first (n, m), the outputs, and second (n, m, p), their derivatives by θ."""
     text, program, rows = _with_tangents(slopes), slopes.program, slopes.rows
     p = len(program.theta)
     for k, y in enumerate(program.outputs):
@@ -87,7 +90,7 @@ def sensitivities(slopes: DerivativeProgram) -> str:
 
 
 def cost(program: Program) -> str:
-    """first: the sum of the only output."""
+    """Return the code that fills first, the sum of the only output."""
     text = CText(width=1)
     order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
     text.lines += [SIGNATURE, "    double sum = 0.0;"]
@@ -102,7 +105,7 @@ def cost(program: Program) -> str:
 
 
 def gradient(slopes: DerivativeProgram) -> str:
-    """first: the sum of the only output; second (p,): its derivatives."""
+    """Return the code that fills first, the sum of the only output, and second (p,), its derivatives."""
     text = _with_tangents(slopes, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
     program, rows = slopes.program, slopes.rows
     text.add(f"sum += {text.value(program.outputs[0])};")
@@ -113,8 +116,11 @@ def gradient(slopes: DerivativeProgram) -> str:
 
 
 def normal_equations(slopes: DerivativeProgram) -> str:
-    """Residuals r with Huber's ρ, bend k = setting:  ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r.
-    first: Σ ρ; second (p,): Σ w r ∂r; third (p, p): Σ w ∂r ∂rᵀ, whose upper half counts."""
+    """Return the code of the normal equations for residuals r with Huber's ρ, with bend k = setting.
+
+    ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r. The code fills first: Σ ρ; second (p,): Σ w r ∂r;
+    third (p, p): Σ w ∂r ∂rᵀ, of which only the upper half is valid.
+    """
     program, rows, p = slopes.program, slopes.rows, len(slopes.program.theta)
     text = _with_tangents(
         slopes,
@@ -145,7 +151,7 @@ def normal_equations(slopes: DerivativeProgram) -> str:
 
 
 def _add_to_hessian(text: CText, rows: list[Tangents], residuals: range, p: int) -> None:
-    """The blocks on and above the diagonal; beyond 16 parameters in loops, so that compilers keep up."""
+    """Add the blocks on and above the diagonal; beyond 16 parameters in loops, to limit the compile time."""
     if p > UNROLLED:
         size = rows[-1].first + rows[-1].lanes
         for k in residuals:
@@ -165,8 +171,11 @@ def _add_to_hessian(text: CText, rows: list[Tangents], residuals: range, p: int)
 
 
 def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
-    """outputs (L, n, m) if asked for; final (L, c). `shared` tells which columns of the inputs are common to
-    all vehicles, (n, ·), and which are each vehicle's own, (L, n, ·). The last vehicle fills idle lanes."""
+    """Return the code that fills outputs (L, n, m), if `outputs`, and final (L, c).
+
+    `shared` marks the columns of the inputs that are common to all vehicles, (n, ·); the others belong to each vehicle,
+    (L, n, ·). The last vehicle fills idle lanes.
+    """
     text = CText(width=LANES)
     text.lines.append(LANES_SIGNATURE)
     outputs_of_tick = program.outputs if outputs else ()
@@ -205,8 +214,10 @@ def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
 
 
 def _with_tangents(slopes: DerivativeProgram, *declarations: str) -> CText:
-    """All down to the last statement of a tick, with rows of the outputs and of the carry; declarations that name
-    {first} are made for each block of θ, none where θ is empty."""
+    """Begin the code, down to the last statement of a tick, with rows of the outputs and of the carry.
+
+    Declarations that name {first} are made for each block of θ; if θ is empty, they are omitted.
+    """
     (program, rows, order), text = slopes, CText(width=1)
     text.lines.append(SIGNATURE)
     _symbols(text, program)
@@ -244,7 +255,7 @@ def _symbols(text: CText, program: Program) -> None:
 def _begin(
     text: CText, program: Program, order: EmitPlan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
 ) -> None:
-    """All down to the last statement of a tick."""
+    """Write the code down to the last statement of a tick."""
     text.symbols(program.carry, "x{}")
     text.statements(order.before)
     text.add(*(f"v_{text.width} x{k} = {text.whole(x)};" for k, x in enumerate(program.initial)))

@@ -1,4 +1,4 @@
-"""Statements → C text.
+"""Convert statements to C code.
 
 A scalar is printed as a double (width 1) or, for many vehicles at once, as a vector with a vehicle in each
 lane. A row of tangents is a vector with a parameter in each lane.
@@ -13,7 +13,7 @@ from baqueano.symbolic.graph.emit import EmittedBranch, Statement, Term
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 CONJUNCTIONS = {"and": "&", "or": "|"}
-MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 where a number is wanted
+MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 if used as numbers
 FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
 INLINED = 100  # calls; when there are more, compiling takes too long
 ROWS = ("row", "choose", "unit", "drift")
@@ -35,7 +35,7 @@ def header(body: str, tables: Sequence) -> str:
 
 
 def literal(value: float) -> str:
-    """A double, exactly."""
+    """Return a double as an exact C literal."""
     value = float(value)
     if value != value:
         return '__builtin_nan("")'
@@ -44,7 +44,7 @@ def literal(value: float) -> str:
 
 
 class CText:
-    """C text that grows, and the names that its terms have so far."""
+    """C code that grows, and the names of its terms so far."""
 
     def __init__(self, width: int) -> None:
         self.width = width  # of scalars
@@ -56,25 +56,25 @@ class CText:
         return "\n".join((*self.lines, "}\n"))
 
     def add(self, *lines: str) -> None:
-        """These lines, as deep as the text is."""
+        """Add these lines with the present indentation."""
         self.lines += ["    " * self.depth + line for line in lines]
 
     def open(self, line: str) -> None:
-        """A line that opens a brace; what follows is one deeper."""
+        """Add a line that opens a brace, and indent the following ones."""
         self.add(line)
         self.depth += 1
 
     def close(self) -> None:
-        """The brace closed."""
+        """Close the brace."""
         self.depth -= 1
         self.add("}")
 
     def symbols(self, terms: Iterable[Term], pattern: str) -> None:
-        """Names of leaves: {} in the pattern is the number."""
+        """Define the names of leaves: {} in the pattern is replaced by the number."""
         self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
 
     def statements(self, statements: Iterable[Statement]) -> None:
-        """Return a C statement for each, in order; a branch is an if with two arms."""
+        """Add a C statement for each one, in order; a branch is an if with two arms."""
         for s in statements:
             if isinstance(s, EmittedBranch):
                 self.branch(s)
@@ -83,7 +83,7 @@ class CText:
                 self.add(f"const {self.type(s)} {self.name(s)} = {value};")
 
     def branch(self, branch: EmittedBranch) -> None:
-        """The choices declared, and given their values in an if and an else."""
+        """Declare the choices, and assign their values in an if and an else."""
         condition = self.mask(branch.condition)
         self.add(*(f"{self.type(choice)} {self.name(choice)};" for choice in branch.choices))
         self.open(f"if ({condition}) {{")
@@ -94,29 +94,29 @@ class CText:
         self.close()
 
     def arm(self, statements: Iterable[Statement], choices: Iterable[Term], argument: int) -> None:
-        """Return an arm of a branch; `argument` 1 or 2 is the operand that a choice takes there."""
+        """Add an arm of a branch; `argument`, 1 or 2, is the operand that a choice takes there."""
         self.statements(statements)
         self.add(*(f"{self.names[c]} = {self.value(c.args[argument])};" for c in choices))
 
     def assign(self, targets: Sequence[Term], values: Sequence[Term]) -> None:
-        """All at once: a value that is itself a target is read before any is written."""
+        """Assign all at once: a value that is also a target is read before any is written."""
         moves = {x: y for x, y in zip(targets, values, strict=True) if x is not y}
         names = {y: f"old_{self.names[y]}" for y in moves.values() if y in moves}
         self.add(*(f"const {self.type(y)} {name} = {self.names[y]};" for y, name in names.items()))
         self.add(*(f"{self.names[x]} = {names.get(y) or self.whole(y)};" for x, y in moves.items()))
 
     def name(self, term: Term) -> str:
-        """The variable of a term: the one it has, else a new one, r… for rows and t… for all others."""
+        """Return the variable of a term, or make a new one: r… for rows and t… for all others."""
         return self.names.setdefault(term, f"{'r' if term.op in ROWS else 't'}{len(self.names)}")
 
     def type(self, term: Term) -> str:
-        """The C type of a term: a row, a mask or numbers, as wide as the text."""
+        """Return the C type of a term: a row, a mask or numbers, as wide as the code."""
         if term.op in ROWS:
             return f"v_{term.lanes}"
         return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
 
     def value(self, term: Term) -> str:
-        """Return an operand of + − × ÷ and comparisons, where a constant may meet a vector."""
+        """Return an operand of + − × ÷ and comparisons, in which a constant may meet a vector."""
         if term.op == "const":
             return literal(term.value)
         if term.op == "unit":
@@ -130,11 +130,11 @@ class CText:
         return f"splat_{self.width}({value})" if term.op == "const" and self.width > 1 else value
 
     def mask(self, term: Term) -> str:
-        """Return a condition: a mask as it is, a number compared with 0."""
+        """Return a condition: a mask unchanged, a number compared with 0."""
         return self.names[term] if term.op in MASKS else f"({self.whole(term)} != 0.0)"
 
     def expression(self, term: Term) -> str:
-        """The right-hand side of a term."""
+        """Return the right-hand side of a term."""
         op, args, width = term.op, term.args, self.width
         if op == "row":
             pairs = sorted(zip(args[::2], args[1::2], strict=True), key=lambda pair: not _is_sign(pair[0]))
@@ -160,12 +160,12 @@ class CText:
         return f"{op}_{width}({values})"
 
     def product(self, coefficient: Term, row: Term) -> str:
-        """A coefficient times a row, with nothing written for a coefficient of 1."""
+        """Return a coefficient times a row, without a coefficient of 1."""
         if _is_sign(coefficient):
             return self.value(row) if coefficient.value == 1.0 else f"(-{self.value(row)})"
         return f"{self.value(coefficient)} * {self.value(row)}"
 
 
 def _is_sign(coefficient: Term) -> bool:
-    """Return whether it is 1 or −1. Such a row comes first: every product after it is one instruction with its sum."""
+    """Return True for 1 or −1. Such a row comes first: then each further product and its sum are one instruction."""
     return coefficient.op == "const" and coefficient.value in (1.0, -1.0)

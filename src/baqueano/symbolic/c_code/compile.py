@@ -1,13 +1,12 @@
-"""C text → a loaded library: find a compiler, choose its flags, keep what was built.
+"""Compile C code to a loaded library: find a compiler, choose its flags, store the result.
 
-A library is kept in the user's cache folder under the hash of all it depends on (text, flags, compiler, processor). The
-file is named by the hash of its own content. The name is true or the file is not loaded: one that was cut or damaged is
-removed and built again, and two processes that build the same kernel at once cannot disturb each other.
+A library is stored in the user's cache folder under the hash of all that it depends on (code, flags, compiler,
+processor). The file name is the hash of its content, and is checked before loading: a damaged file is removed and built
+again. Two processes that build the same kernel at once do not disturb each other.
 
-Never -ffast-math: loading a library that was linked with it turns subnormal numbers to zero in the whole
-process. What it would gain comes from -fno-math-errno, -fno-trapping-math and -ffp-contract=fast.
-
-What only building needs is imported there: a kernel from the cache is loaded in a few milliseconds.
+Never -ffast-math: loading a library that was linked with it turns subnormal numbers to zero in the whole process.
+-fno-math-errno, -fno-trapping-math and -ffp-contract=fast give the same gain. Modules needed only for a build are
+imported there: a kernel from the cache is loaded in a few milliseconds.
 """
 
 import atexit
@@ -42,7 +41,7 @@ double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 
 
 class CompileError(DiagnosticError, RuntimeError):
-    """The compiler refused a text, or none exists."""
+    """The error of a compiler that refuses a code, or is missing."""
 
 
 class Compiler(NamedTuple):
@@ -61,9 +60,11 @@ class FoundCompiler(NamedTuple):
 
 
 def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
-    """The library of a C text, from the cache if it is there. The flags depend on the `operations` of its loop. They
-    also say if the compiler may look for vectors that are not in the text, and if it should be quick rather than
-    thorough."""
+    """Return the library of a C code, from the cache if it is there. CompileError without a compiler.
+
+    The flags depend on the `operations` of its loop. `find_vectors` lets the compiler vectorise by itself; `hasty`
+    makes the compilation quick instead of thorough.
+    """
     compiler = find()
     if compiler.compiler is None:
         raise CompileError(compiler.reason or "")
@@ -71,7 +72,7 @@ def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: boo
 
 
 def find() -> FoundCompiler:
-    """The first compiler that works: $BAQUEANO_CC alone if it is set; else cc, gcc, clang, ziglang."""
+    """Return the first compiler that works: only $BAQUEANO_CC if it is set; else cc, gcc, clang, ziglang."""
     return _find(os.environ.get("BAQUEANO_CC", ""), os.environ.get("PATH", ""))
 
 
@@ -109,7 +110,7 @@ def _candidates(requested: str, path: str) -> Iterator[Compiler]:
 
 
 def _compiler(command: tuple[str, ...]) -> Compiler:
-    """Told apart by path, size and date, which cost no process to ask."""
+    """Return a compiler with its identity: path, size and date, which need no process."""
     real = os.path.realpath(command[0])
     status = os.stat(real)
     names = " ".join((real, *command))
@@ -118,7 +119,7 @@ def _compiler(command: tuple[str, ...]) -> Compiler:
 
 
 def _is_empty_shell(path: str) -> bool:
-    """macOS has a /usr/bin/cc that only opens a window, as long as the developer tools are not installed."""
+    """Return True for the /usr/bin/cc of macOS that only opens a window, while the developer tools are missing."""
     if sys.platform != "darwin" or not path.startswith("/usr/bin/"):
         return False
     import subprocess
@@ -127,7 +128,7 @@ def _is_empty_shell(path: str) -> bool:
 
 
 def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool, hasty: bool) -> list[tuple[str, ...]]:
-    """Flags to try in turn: not every compiler knows its own processor by the same name."""
+    """Return the flags to try in turn: compilers have different flags for the present processor."""
     hasty = hasty and operations > SHORT
     level = HASTY if hasty else "-O1" if operations > HASTY_ABOVE else "-O3"
     common = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
@@ -171,7 +172,7 @@ def _open_library(
 
 
 def _stored_library(folder: Path) -> Path | None:
-    """The library in the folder of a key, if there is one and it is whole."""
+    """Return the undamaged library in the folder of a key, or None."""
     for path in folder.glob("*" + SUFFIX):
         if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem:
             return path
@@ -199,8 +200,10 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
 
 
 def _run(command: list[str], folder: str) -> str:
-    """Return the output of the command, if it failed. It runs inside the folder and is given names without one, so that
-    no space or accent of a home folder is ever an argument."""
+    """Run a command inside the folder; return its output if it failed, else "".
+
+    Its arguments do not contain a folder: so spaces and accents of a home folder never occur in them.
+    """
     import subprocess
 
     no_window = getattr(subprocess, "CREATE_NO_WINDOW", 0)
@@ -225,7 +228,7 @@ def _cache_folder() -> Path:
 
 
 def user_cache() -> Path:
-    """Return the folder of this user for what can be made again; without a home, one that ends with the process."""
+    """Return the cache folder of this user; without a home folder, one that is deleted with the process."""
     if sys.platform == "win32":
         root = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
     elif sys.platform == "darwin":
@@ -247,7 +250,7 @@ def _temporary_folder() -> Path:
 
 @cache
 def _processor() -> str:
-    """Model and features: what -march=native depends on."""
+    """Return model and features of the processor, on which -march=native depends."""
     words = [sys.platform, platform.machine(), os.environ.get("PROCESSOR_IDENTIFIER", "")]
     if sys.platform == "darwin":
         import subprocess

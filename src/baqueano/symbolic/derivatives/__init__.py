@@ -1,1 +1,1 @@
-"""Derivatives: the rule of each operator, dual numbers, forward tangents of a whole program, normal equations."""
+"""Differentiate: the rule of each operator, dual numbers, forward tangents of a program, normal equations."""

@@ -1,8 +1,7 @@
-"""Derivatives of the operators, one rule each, on anything that `apply` takes: floats, nodes, dual numbers.
+"""Differentiate the operators, one rule each, on all arguments of `apply`: floats, nodes, dual numbers.
 
-Where a slope does not exist, one that is harmless is taken: 0 for hypot and atan2 at the origin, the side of
-the first argument for min and max at a tie. The slope of sqrt at 0 is large, not infinite, so that 0 · slope
-stays 0.
+If a derivative does not exist, a harmless one is taken: 0 for hypot and atan2 at the origin, that of the first argument
+for min and max at a tie. The derivative of sqrt at 0 is large, not infinite, so that 0 · derivative stays 0.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +16,7 @@ TINY = 1e-300  # kept away from 0, where 1/TINY is still finite
 
 
 def slopes(op: str, result: Value, args: Sequence[Value], table: Value = None) -> tuple[Value, ...]:
-    """∂result/∂args; 0.0 where the operator is flat."""
+    """Return ∂result/∂args; 0.0 if the operator is constant in the argument."""
     if table is not None:
         return (apply("interp_slope", *args, value=table) if op == "interp" else 0.0,)
     rule = _SLOPES.get(op)
@@ -25,7 +24,7 @@ def slopes(op: str, result: Value, args: Sequence[Value], table: Value = None) -
 
 
 def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
-    """(argument, ∂node/∂argument) for each argument that the node depends on smoothly."""
+    """Return (argument, ∂node/∂argument) for each argument whose derivative is not constantly 0."""
     graph = node.graph
     table = graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
     each = zip(node.args, slopes(node.op, node, node.args, table), strict=True)
@@ -33,8 +32,10 @@ def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
 
 
 def combine(op: str, args: Sequence[Value], rows: Sequence[Row], slopes: Sequence[Value]) -> Row:
-    """The row {source: derivative} of a result from the rows of its arguments. The arms of `where` meet in a
-    choice, never in a product with 0: the arm that is not taken may be NaN."""
+    """Return the row {source: derivative} of a result from the rows of its arguments.
+
+    The arms of `where` are combined by a choice, never by a product with 0: the arm that is not taken may be NaN.
+    """
     if op == "where":
         _, a, b = rows
         return {source: apply("where", args[0], a.get(source, 0.0), b.get(source, 0.0)) for source in a | b}
@@ -51,7 +52,7 @@ def combine(op: str, args: Sequence[Value], rows: Sequence[Row], slopes: Sequenc
 
 
 def jacobian_rows(roots: Sequence[Node], sources: Sequence[Node]) -> list[dict[Node, Node]]:
-    """For each root the derivatives by those of the sources that it depends on, as nodes."""
+    """Return for each root its derivatives by the sources that it depends on, as nodes."""
     rows: dict[Node, Row] = {source: {source: 1.0} for source in sources}
     for node in below(roots):
         own = [rows.get(a, {}) for a in node.args]

@@ -1,8 +1,7 @@
-"""Forward derivatives: a dual number is a value and its derivatives by the seeds that it depends on.
+"""Compute forward derivatives with dual numbers: a value and its derivatives by the seeds that it depends on.
 
-Value and derivatives have the kind of the arguments: floats where nothing is traced, nodes while a step
-is, dual numbers of a lower level inside an outer derivative. So `jacobian` works alike in all three places,
-and leaves nothing behind.
+Value and derivatives have the kind of the arguments: floats without a trace, nodes while a step is traced, dual numbers
+of a lower level inside an outer derivative. So `jacobian` works alike in all three cases, without side effects.
 """
 
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from baqueano.symbolic.ieee import LOGICAL
 
 
 class Dual(Scalar):
-    """A value, and {seed: derivative}; seeds are numbered within their level."""
+    """A value with {seed: derivative}; seeds are numbered within their level."""
 
     __slots__ = ("level", "row", "value")
 
@@ -28,7 +27,7 @@ class Dual(Scalar):
         self.value, self.row, self.level = value, row, level
 
     def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """Apply the chain rule; a value that does not depend on a seed is not a dual number."""
+        """Apply the chain rule; a result that does not depend on a seed is not a dual number."""
         level = self.level
         values, rows = [], []
         for a in args:
@@ -43,7 +42,7 @@ class Dual(Scalar):
 
 
 def seeded(values: np.ndarray, level: int) -> TracedArray:
-    """An array whose entries are the seeds 0, 1, …, in order."""
+    """Return an array whose entries are the seeds 0, 1, …, in order."""
     seeds = np.empty(values.shape, dtype=object)
     flat = values.ravel().tolist()
     seeds.ravel()[:] = [Dual(x, {k: 1.0}, level) for k, x in enumerate(flat)]
@@ -51,7 +50,7 @@ def seeded(values: np.ndarray, level: int) -> TracedArray:
 
 
 def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
-    """The derivatives (size, count) of the entries by `count` seeds, as objects."""
+    """Return the derivatives (size, count) of the entries by `count` seeds, as objects."""
     rows = np.full((values.size, count), 0.0, dtype=object)
     for i, x in enumerate(values.ravel().tolist()):
         if isinstance(x, Dual) and x.level == level:
@@ -68,12 +67,12 @@ def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]
     f : callable
         NumPy, pure.
     argument : int
-        The argument by which to derive.
+        The argument of the derivative.
 
     Returns
     -------
     callable
-        Of the same arguments; (m, n) for vectors, (n,) where f is a number, (m,) where the argument is one.
+        Of the same arguments; (m, n) for vectors, (n,) if f is a number, (m,) if the argument is one.
 
     Examples
     --------

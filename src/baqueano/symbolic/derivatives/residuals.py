@@ -1,4 +1,4 @@
-"""Sums over the residuals of a run, r (N, m) with ∂r (N, m, p).
+"""Sum over the residuals of a run, r (N, m) with ∂r (N, m, p).
 
 cost = Σ ρ(r),   gradient = Σ ψ(r) ∂r,   hessian = Σ w ∂r ∂rᵀ,   w = ψ(r) / r                         (1)
 ρ = ½ r² and ψ = r where |r| ≤ k,   ρ = k |r| − ½ k² and ψ = k sign r beyond           Huber 1964     (2)
@@ -10,7 +10,7 @@ import numpy as np
 def normal_equations(
     r: np.ndarray, slopes: np.ndarray, huber: float | None
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, gradient (p,), hessian (p, p); `huber` is k, None for no bend.  (1), (2)"""
+    """Return cost, gradient (p,) and hessian (p, p); `huber` is k, None for ρ = ½ r² everywhere.  (1), (2)"""
     k = np.inf if huber is None else huber
     size = np.abs(r)
     in_tail = size > k

@@ -1,9 +1,9 @@
-"""A program whose carry ends with the sums of its outputs over the ticks, and their slopes by some parameters.
+"""Extend the carry of a program by the sums of its outputs over the ticks, and their derivatives by some parameters.
 
-    S⁺ = S + y,    ∂S⁺ = ∂S + ∂y,    ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                              (1)
+    S⁺ = S + y, ∂S⁺ = ∂S + ∂y, ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                                       (1)
 
-All is scalars of the graph, so the back ends run it in lanes as any other step. As in tangents.py the arms of `where`
-meet in a choice.
+All are scalars of the graph, so the back ends run it in lanes as any other step. As in tangents.py the arms of `where`
+are combined by a choice.
 """
 
 from collections.abc import Iterable
@@ -15,7 +15,7 @@ from baqueano.symbolic.graph.program import Program
 
 
 def summed(program: Program, slopes: int) -> Program:
-    """Return the program with m sums, then m · `slopes` derivatives of them, at the end of its carry; no outputs."""
+    """Return the program without outputs, with m sums and m · `slopes` derivatives of them at the end of its carry."""
     graph, zero = program.graph, program.graph.const(0.0)
     carry, initial, after = list(program.carry), list(program.initial), list(program.next_carry)
     of_sums = [list(program.outputs)]
@@ -42,7 +42,7 @@ def summed(program: Program, slopes: int) -> Program:
 
 
 def _derivatives(graph: Graph, roots: Iterable[Node], seeds: dict[Node, Node]) -> dict[Node, Node]:
-    """Return the derivatives of all below the roots that are not 0, from those that are `seeds`."""
+    """Return the derivatives of all nodes below the roots that are not 0, from those of the `seeds`."""
     rows, zero = dict(seeds), graph.const(0.0)
     for node in below(roots):
         if node in seeds or not any(a in rows for a in node.args):

@@ -1,18 +1,15 @@
-"""Forward tangents: the derivatives of every value by the parameters, as rows of a few lanes.
+"""Compute forward tangents: the derivatives of every value by the parameters, as rows of a few lanes.
 
-For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …; each active value is either *kept*, as a row of
-its own, or *eliminated*: its coefficients are multiplied, as scalars, into those of its users. Keeping all
-costs a vector operation for each edge of the graph, so it grows linearly. A value has s sources, n of them with a
-coefficient that is not 1, and u users, p of them more than a sum. Its elimination saves work where, with B blocks of
-parameters,
+For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …. Each active value is either *kept*, as a separate row, or
+*eliminated*: its coefficients are multiplied, as scalars, into those of its users. To keep all costs a vector operation
+for each edge of the graph, so it grows linearly. A value has s sources, n of them with a coefficient that is not 1, and
+u users, p of them more than a sum. With B blocks of parameters its elimination saves work if
 
-    s u + n p / B <= s + u:                                                                               (1)
+    s u + n p / B <= s + u:                                                                                       (1)
 
-the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken.
-
-The arms of `where` meet in a choice between rows, never in a product with 0. The arm that is not taken may be NaN.
-Where all sources are the carry and the parameters, which hold at every tick, it is enough to choose between
-coefficients.
+the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken. The arms
+of `where` are combined by a choice between rows, never by a product with 0: the arm that is not taken may be NaN. If
+all sources are the carry and the parameters, which exist at every tick, a choice between coefficients is enough.
 """
 
 from collections.abc import Iterable, Iterator
@@ -27,7 +24,7 @@ SUMS = ("add", "sub", "neg")
 
 
 class TangentRow:
-    """∂/∂θ of one value, for `lanes` parameters. Hashable by identity, like a Node."""
+    """∂/∂θ of one value, for `lanes` parameters. Hashable by identity, as a Node."""
 
     __slots__ = ("args", "lanes", "op", "value")
 
@@ -40,7 +37,7 @@ class TangentRow:
 
 
 class Tangents(NamedTuple):
-    """Rows of one block of parameters."""
+    """The rows of one block of parameters."""
 
     first: int  # the block begins with θ[first]
     lanes: int
@@ -54,7 +51,7 @@ Combination = dict[TangentRow, Node]  # Σ coefficient · row
 
 
 def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tangents:
-    """Rows for θ[first : first + lanes] of all that a kernel needs."""
+    """Return the rows for θ[first : first + lanes] that a kernel needs."""
     unit = program.graph.const(1.0)
     seeds = program.theta[first : first + lanes]
     drifts = tuple(TangentRow("drift", lanes) for _ in program.carry)
@@ -80,7 +77,7 @@ def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
 
 
 def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
-    """Return the nodes that depend on the seeds, also by way of the carry."""
+    """Return the nodes that depend on the seeds, also through the carry."""
     order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
     nodes = set(seeds)
     size = -1
@@ -115,7 +112,7 @@ class _Rows:
                 self.combine(node)
 
     def row(self, node: Node) -> TangentRow:
-        """∂node as one row."""
+        """Return ∂node as one row."""
         if node not in self.made:
             self.made[node] = self.sum(self.combinations.get(node, {}))
         return self.made[node]
@@ -137,7 +134,7 @@ class _Rows:
             self.combinations[node] = {self.row(node): node.graph.const(1.0)}
 
     def chain(self, node: Node) -> Combination:
-        """Σ ∂node/∂a ∂a."""
+        """Return Σ ∂node/∂a ∂a."""
         make = node.graph.make
         result: Combination = {}
         for a, slope in partials(node):
@@ -168,7 +165,7 @@ class _Rows:
 
 
 def _uses(order: Iterable[Node]) -> tuple[dict[Node, int], dict[Node, int]]:
-    """Return how often each node is used, and how often by what is more than a sum."""
+    """Return for each node the number of its uses, and of those that are not sums."""
     uses: dict[Node, int] = dict.fromkeys(order, 0)
     products = dict(uses)
     for node in uses:
@@ -183,6 +180,6 @@ def _is_one(node: Node) -> bool:
 
 
 def blocks(count: int) -> Iterator[tuple[int, int]]:
-    """(first parameter, lanes) of the vectors that hold `count` parameters: eight each, or the last four."""
+    """Yield (first parameter, lanes) of the vectors that hold `count` parameters: eight each, or the last four."""
     for first in range(0, count, 8):
         yield first, 4 if count - first <= 4 else 8

@@ -1,1 +1,1 @@
-"""A function as a graph: nodes and the rules that simplify them, the trace of one call, the order of its arithmetic."""
+"""Represent a function as a graph: nodes, simplification rules, the trace of a call, the order of its arithmetic."""

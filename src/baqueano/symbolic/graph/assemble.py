@@ -1,7 +1,7 @@
-"""A trace → the programs that run: without mirrored, constant and dead entries of the carry.
+"""Turn a trace into the program that runs: without mirrored, constant and dead entries of the carry.
 
-*Mirrored*: the other side of a symmetric matrix. *Constant*: what a step returns as it came. *Dead*: what
-nothing that was asked for depends on. What is taken out is put back after the run.
+*Mirrored*: the other side of a symmetric matrix. *Constant*: an entry that a step returns unchanged. *Dead*: an entry
+on which no requested result depends. The removed entries are restored after the run.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from baqueano.symbolic.graph.trace import Trace
 
 
 class Assembly(NamedTuple):
-    """A program, and how its carry stands for the whole one."""
+    """A program, and the map from its carry to the whole one."""
 
     program: Program
     first: np.ndarray  # (s,) place of each start value in the whole carry
@@ -24,13 +24,16 @@ class Assembly(NamedTuple):
     unused_carry: tuple[int, ...]  # places in the whole carry
 
     def whole(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """The whole carry after a run; the last axis counts its entries."""
+        """Return the whole carry after a run; its last axis counts the entries."""
         return np.concatenate([final, start], axis=-1)[..., self.back]
 
 
 def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
-    """`keep_all`: the final carry is asked for, not only the outputs. `given_start`: the start values come
-    at run time, even if the trace has them as functions of θ."""
+    """Return the program of a trace.
+
+    `keep_all`: the final carry is requested as well as the outputs. `given_start`: the start values come at run time,
+    even if the trace has them as functions of θ.
+    """
     graph = trace.graph
     first_of: dict[Node, int] = {}
     for k, x in enumerate(trace.carry):
@@ -70,7 +73,7 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
 
 
 def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], zero: set[int]) -> set[int]:
-    """Of the places that are `zero` at the start those that stay so: from zeros there the step returns zeros again."""
+    """Return the places of `zero` that stay 0 by induction: from zeros there the step returns zeros again."""
     nothing = graph.const(0.0)
     while zero:
         order = sorted(zero)
@@ -83,7 +86,7 @@ def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], ze
 
 
 def _alive(outputs: Sequence[Node], after: dict[Node, Node], carry: set[Node]) -> set[Node]:
-    """The entries of the carry that the outputs of this or a later tick depend on."""
+    """Return the entries of the carry that the outputs of this or a later tick depend on."""
     alive: set[Node] = set()
     new = {node for node in below(outputs) if node in carry}
     while new:

@@ -1,11 +1,9 @@
-"""Order of the arithmetic: which node is computed where, and when.
+"""Order the arithmetic: determine place and time of each node's computation.
 
-The text of a kernel is a list of statements. It is demand-driven: each root is followed depth first, so that
-a value stands near its first use, and a compiler's scheduler starts from short lives. What depends neither on
-the carry nor on the inputs is left out of the loop. Work that one arm of `where` alone needs is sunk into a branch. It
-must be enough to pay for a branch that is sometimes mispredicted.
-
-A *term* is anything with `op` and `args`: a scalar `Node`, or a `Row` of tangents.
+The code of a kernel is a list of statements. It is demand-driven: each root is followed depth first. So a value stands
+near its first use, and a compiler's scheduler starts from short lives. Terms that depend neither on the carry nor on
+the inputs are moved before the loop. Work that only one arm of `where` needs is sunk into a branch. It must be enough
+to pay for a branch that is sometimes mispredicted. A *term* has `op` and `args`: a scalar `Node`, or a `TangentRow`.
 """
 
 from collections import Counter, defaultdict
@@ -20,7 +18,7 @@ from baqueano.symbolic.graph.program import Program
 Term: TypeAlias = Value  # Node | Row: hashable by identity, with .op and .args
 
 BRANCH_PAYS = 40.0  # operations of both arms together, from which a branch is taken instead of a select
-DEEPEST = 6  # branches within branches
+DEEPEST = 6  # nested branches
 CHOICES = ("where", "choose")  # args (condition, a, b)
 LEAVES = ("const", "symbol", "unit", "drift")
 COST = {"neg": 0.0, "div": 4.0, "sqrt": 5.0, "hypot": 8.0, "pow": 40.0, "interp": 20.0, "interp_slope": 20.0}
@@ -29,7 +27,7 @@ COST |= dict.fromkeys(("exp", "log", "sinh", "cosh", "tanh"), 20.0)
 
 
 class EmittedBranch(NamedTuple):
-    """if (condition) then … else …; afterwards each choice has the value of its arm."""
+    """A branch: if (condition) then … else …; afterwards each choice has the value of its arm."""
 
     condition: Term
     choices: tuple[Term, ...]
@@ -50,7 +48,10 @@ class EmitPlan(NamedTuple):
 def plan(
     initial: Iterable[Term], roots: Iterable[Term], changing: Container[Term], branches: bool = True
 ) -> EmitPlan:
-    """`initial` is wanted before the loop, `roots` at every tick, where the leaves `changing` differ."""
+    """Return the statements for `initial` before the loop, and for `roots` at every tick.
+
+    The leaves `changing` vary from tick to tick.
+    """
     roots = list(roots)
     moving = _moving(roots, changing)
     loop = schedule(roots, lambda term: term not in moving or term.op in LEAVES, branches)
@@ -59,8 +60,10 @@ def plan(
 
 
 def with_reciprocals(program: Program, uses: int) -> Program:
-    """x / p becomes x · (1/p) where p does not change from tick to tick, or divides at least `uses` times;
-    not where a step is made of the quotient: ⌊49 · (1/49)⌋ is 0."""
+    """Replace x / p by x · (1/p) if p is constant in the ticks, or divides at least `uses` times.
+
+    A quotient of which a step function is computed stays: ⌊49 · (1/49)⌋ is 0.
+    """
     graph = program.graph
     parts = (program.next_carry, program.outputs)
     roots = [root for part in parts for root in part]
@@ -98,7 +101,9 @@ def schedule(
     roots: Iterable[Term], is_given: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
 ) -> list[Statement]:
     """Return statements that compute the roots from the known nodes, each term once, in an order that can be run.
-    A branch `pays` from so many operations."""
+
+    A branch is made from `pays` operations on.
+    """
     roots = list(roots)
     if not branches:
         return postorder(roots, is_given)
@@ -111,7 +116,7 @@ def schedule(
 
 
 def cost(statements: Iterable[Statement]) -> float:
-    """Operations that the statements stand for, both arms of a branch counted."""
+    """Return the count of operations of the statements, with both arms of a branch."""
     total = 0.0
     for s in statements:
         if isinstance(s, EmittedBranch):
@@ -168,7 +173,7 @@ def _cost(term: Term) -> float:
 
 
 class _BranchKey(NamedTuple):
-    """The common parts of the choices that one branch serves. None of them depends on another: `level`."""
+    """The common properties of the choices that one branch serves. By `level`, none depends on another."""
 
     place: int  # number of the region that the branch stands in
     condition: Term
@@ -177,7 +182,7 @@ class _BranchKey(NamedTuple):
 
 @dataclass(eq=False, slots=True)
 class _Region:
-    """The place of a statement: the loop itself, or an arm of a branch that stands in another region."""
+    """The place of a statement: the loop, or an arm of a branch that stands in another region."""
 
     number: int = 0
     parent: "_Region | None" = None
@@ -191,7 +196,7 @@ class _Region:
             region = region.parent
 
     def meet(self, other: "_Region") -> "_Region":
-        """The innermost region that holds both."""
+        """Return the innermost region that contains both."""
         if other is self:
             return self
         holders = set(other.outwards())
@@ -200,26 +205,26 @@ class _Region:
 
 @dataclass(eq=False, slots=True)
 class _BranchGroup:
-    """A branch to be: its choices, and the terms that only one of its arms needs."""
+    """A planned branch: its choices, and the terms that only one of its arms needs."""
 
     key: _BranchKey
     arms: tuple[_Region, _Region]
     choices: list[Term] = field(default_factory=list)
-    needs: list[Term] = field(default_factory=list)  # what has to be there before the branch
+    needs: list[Term] = field(default_factory=list)  # terms to compute before the branch
 
     def cost(self) -> float:
         return cost(self.arms[0].terms) + cost(self.arms[1].terms)
 
 
 class _Circle(Exception):
-    """A branch would have to be finished before it can begin."""
+    """The error of a branch that would have to be finished before it can begin."""
 
     def __init__(self, key: _BranchKey) -> None:
         self.key = key
 
 
 class _Branches:
-    """Chooses the branches of one schedule."""
+    """The choice of the branches of one schedule."""
 
     def __init__(self, roots: Sequence[Term], is_given: Callable[[Term], bool], pays: float) -> None:
         self.roots, self.order, self.pays = roots, postorder(roots, is_given), pays
@@ -229,7 +234,7 @@ class _Branches:
         self.levels: dict[Term, int] = {}
 
     def chosen(self) -> dict[Term, _BranchGroup]:
-        """The group of each choice that is worth a branch. Small groups are given up until all pay."""
+        """Return the group of each choice that is worth a branch. Small groups are refused until all pay."""
         while True:
             groups = self.groups()
             each = {group.key: group for group in groups.values()}  # many choices share a group
@@ -247,7 +252,7 @@ class _Branches:
                 self.levels = levels
 
     def groups(self) -> dict[Term, _BranchGroup]:
-        """Place each term in the innermost region that holds all its uses. Users come first."""
+        """Return the group of each choice, with each term in the innermost region that contains all its uses."""
         loop = _Region()
         places: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
         groups: dict[_BranchKey, _BranchGroup] = {}
@@ -276,12 +281,12 @@ class _Branches:
         return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
 
     def arm(self, key: _BranchKey, arm: int, outside: _Region) -> _Region:
-        """Regions keep their numbers from round to round."""
+        """Return the region of an arm; regions keep their numbers from round to round."""
         return _Region(self.numbers.setdefault((key, arm), len(self.numbers) + 1), outside, outside.depth + 1)
 
 
 def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
-    """Fills in the terms of each region, and what each branch needs from outside."""
+    """Set the terms of each region, and those that each branch needs from outside."""
     for term in order:
         for region in places[term].outwards():
             region.terms.append(term)

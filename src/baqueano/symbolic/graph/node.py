@@ -1,7 +1,7 @@
-"""Scalars of a trace: a hash-consed graph. The same operation on the same arguments is the same node.
+"""Define the scalars of a trace: a hash-consed graph. The same operation on the same arguments is the same node.
 
-A node is made only by its graph, which folds constants and applies the local rules of simplify.py; a graph
-belongs to one trace and goes with it. Truths are the numbers 0 and 1.
+Only a graph makes its nodes. It folds constants and applies the local rules of simplify.py. A graph belongs to one
+trace and is freed with it. Truth values are the numbers 0 and 1.
 """
 
 from collections.abc import Iterable, Mapping
@@ -29,7 +29,7 @@ class Node(Scalar):
         self.index = index  # of creation: arguments have a smaller one
 
     def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """The node of an operation; a constant comes back as a float or a bool."""
+        """Return the node of an operation; a constant result is returned as a float or a bool."""
         graph = self.graph
         if value is not None:
             value = graph.table(*value)
@@ -40,8 +40,10 @@ class Node(Scalar):
 
 
 class Graph:
-    """The nodes of one trace, and the tables that `interp` reads. Nodes are numbered as they are made: of several
-    threads one makes them at a time, the one that holds the `lock`."""
+    """The nodes of one trace, and the tables that `interp` reads.
+
+    Nodes are numbered in the order of creation. The `lock` ensures that one thread at a time makes them.
+    """
 
     def __init__(self) -> None:
         self.lock = RLock()
@@ -49,7 +51,7 @@ class Graph:
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
-        """A number or a node of this trace, as a node."""
+        """Return a number or a node of this trace as a node."""
         if not isinstance(value, Node):
             return self.const(value)
         if value.graph is not self:
@@ -57,16 +59,16 @@ class Graph:
         return value
 
     def const(self, value: float) -> Node:
-        """A constant; 0 and −0 are two."""
+        """Return a constant; 0 and −0 are different ones."""
         value = float(value)
         return self._intern(("const", value.hex()), "const", (), value)
 
     def symbol(self, name: str) -> Node:
-        """A new free value; two symbols are never the same node."""
+        """Return a new free value; two symbols are never the same node."""
         return self._intern(("symbol", len(self.nodes)), "symbol", (), name)
 
     def make(self, op: str, *args: Node, value: Value = None) -> Node:
-        """The node of this operation, simplified where a local rule allows it."""
+        """Return the node of this operation, simplified by a local rule if one applies."""
         if all(a.op == "const" for a in args):
             table = () if value is None else (self.tables[value],)
             return self.const(ieee.OPERATORS[op](*[a.value for a in args], *table))
@@ -79,7 +81,7 @@ class Graph:
         return self._intern((op, value, *[a.index for a in args]), op, args, value)
 
     def table(self, xp: np.ndarray, fp: np.ndarray) -> int:
-        """The number of a table; equal tables have one number."""
+        """Return the number of a table; equal tables have one number."""
         for k, (x, f) in enumerate(self.tables):
             if np.array_equal(x, xp) and np.array_equal(f, fp):
                 return k
@@ -87,7 +89,7 @@ class Graph:
         return len(self.tables) - 1
 
     def substitute(self, roots: Iterable[Node], new: Mapping[Node, Node]) -> list[Node]:
-        """The roots with some nodes replaced, and simplified again."""
+        """Return the roots with some nodes replaced, simplified again."""
         roots = list(roots)
         new_nodes = dict(new)
         for node in below(roots):
@@ -105,12 +107,12 @@ class Graph:
 
 
 def _order(a: Node, b: Node) -> tuple[Node, Node]:
-    """Constants first, then the older one."""
+    """Return the pair with a constant first, then the older node."""
     return (b, a) if (b.op == "const", -b.index) > (a.op == "const", -a.index) else (a, b)
 
 
 def below(roots: Iterable[Node]) -> list[Node]:
-    """All nodes that the roots are made of, themselves too, arguments before users."""
+    """Return all nodes that the roots depend on, with the roots, arguments before users."""
     nodes: set[Node] = set()
     stack = list(roots)
     while stack:

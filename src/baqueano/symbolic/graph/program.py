@@ -1,4 +1,4 @@
-"""The program of a traced step: the contract between the tracer and the back ends."""
+"""Define the program of a traced step: the contract between the tracer and the back ends."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeAlias
@@ -11,7 +11,7 @@ Array: TypeAlias = np.ndarray
 
 
 class Program(NamedTuple):
-    """A step of a scan as a graph. c numbers are carried, q come in each tick, m go out, p parameters."""
+    """A step of a scan as a graph: c numbers are carried, q enter and m leave at each tick, p are parameters."""
 
     graph: Graph
     theta: tuple[Node, ...]  # p symbols
@@ -21,12 +21,12 @@ class Program(NamedTuple):
     inputs: tuple[Node, ...]  # q symbols
     next_carry: tuple[Node, ...]  # c expressions
     outputs: tuple[Node, ...]  # m expressions
-    hasty: bool = False  # so long that it is compiled soon rather than well
+    hasty: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
     zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they have to be 0
 
     @property
     def tables(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(xp, fp) of each table that `interp` reads, by number."""
+        """Return (xp, fp) of each table that `interp` reads, by number."""
         return self.graph.tables
 
 
@@ -39,23 +39,28 @@ class NormalEquations(NamedTuple):
 
 
 class Kernel(Protocol):
-    """A program made runnable by a back end. Arrays are float64 and C-contiguous: theta (p,), start (s,),
-    inputs (n, q); what is filled belongs to the caller: outputs (n, m), d_outputs (n, m, p), final (c,)."""
+    """A program made runnable by a back end.
+
+    Arrays are float64 and C-contiguous: theta (p,), start (s,), inputs (n, q). The caller owns the arrays to fill:
+    outputs (n, m), d_outputs (n, m, p), final (c,).
+    """
 
     @property
     def source(self) -> str:
-        """The text that was made."""
+        """Return the generated code."""
         ...
 
     def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
-        """n ticks."""
+        """Run n ticks: fill outputs and final."""
         ...
 
     def bind(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
     ) -> Callable[[], object]:
-        """`run` on these very arrays, to be called often. It returns what is true, and nothing that counts is in the
-        outputs, where one of `Program.zeros` is not 0."""
+        """Return `run` bound to these arrays, to be called often.
+
+        The call returns a true value, and leaves outputs invalid, if one of `Program.zeros` is not 0.
+        """
         ...
 
     def sensitivities(
@@ -67,19 +72,19 @@ class Kernel(Protocol):
         outputs: Array,
         d_outputs: Array,
     ) -> None:
-        """Outputs and their derivatives by theta."""
+        """Fill outputs and their derivatives by theta."""
         ...
 
     def total(
         self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
     ) -> tuple[float, Array | None]:
-        """The only output summed over the ticks, and its gradient (p,)."""
+        """Return the only output summed over the ticks, and its gradient (p,) or None, by `gradient`."""
         ...
 
     def normal_equations(
         self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
-        """The outputs as residuals: cost, gradient (p,), hessian (p, p)."""
+        """Return cost, gradient (p,) and hessian (p, p) of the outputs as residuals."""
         ...
 
     def batch(
@@ -94,6 +99,8 @@ class Kernel(Protocol):
         outputs: Array | None,
         final: Array,
     ) -> None:
-        """L side by side: theta (L, p), start (L, s), final (L, c), outputs (L, n, m) or None. Inputs that
-        `is_shared` are the columns of shared (n, ·), in order, the others those of own (L, n, ·)."""
+        """Run L lanes: theta (L, p), start (L, s), final (L, c), outputs (L, n, m) or None.
+
+        Inputs that `is_shared` are the columns of shared (n, ·), in order, the others those of own (L, n, ·).
+        """
         ...

@@ -1,8 +1,8 @@
-"""Local rules: x + 0 is x, x · 0 is 0, two negations cancel. Each takes a graph and the arguments of one
-operator, constants first where their order is free, and returns a simpler node or None.
+"""Simplify nodes by local rules: x + 0 is x, x · 0 is 0, two negations cancel.
 
-x · 0 and x − x are 0 even where x may be inf or NaN: without it no matrix stays sparse. So finiteness is
-asked as |x| < inf, never as x − x = 0.
+Each rule takes a graph and the arguments of one operator, constants first if their order is free, and returns a simpler
+node or None. x · 0 and x − x are 0 even if x may be inf or NaN: otherwise no matrix would stay sparse. So finiteness is
+tested as |x| < inf, never as x − x = 0.
 """
 
 import math
@@ -65,7 +65,7 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
 
 
 def _with_size(g: "Graph", x: "Node", y: "Node") -> "Node | None":
-    """Return |x| for x · y where sign(x) is among the factors of y. The slope of d |x| x needs d |x| for this."""
+    """Return |x| for x · y if sign(x) is among the factors of y. The derivative of d |x| x becomes d |x| by this."""
     if y.op == "sign" and y.args[0] is x:
         return g.make("abs", x)
     for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():

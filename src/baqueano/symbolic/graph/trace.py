@@ -1,8 +1,8 @@
-"""Trace a call of a step, with symbols in place of numbers → its graph.
+"""Trace a call of a step, with symbols in place of numbers, and return its graph.
 
-A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal; if the step
-returns the same nodes on both sides again, it stays so for ever, by induction. Then half of its entries need not be
-carried. If not, the step is traced again without that assumption.
+A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal. If the step
+returns the same nodes on both sides again, it stays symmetric by induction. Then only half of its entries are carried.
+If not, the step is traced again without that assumption.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,12 +22,12 @@ from baqueano.symbolic.graph.tree import Leaf, Shape, build, kind_finder, leaves
 
 
 class Trace(NamedTuple):
-    """A step as a graph, all entries of the carry still there."""
+    """A step as a graph, with all entries of the carry."""
 
     graph: Graph
     theta: list[Node]
     inputs: list[Node]
-    initial: list[Node] | None  # as functions of θ; None where the start is given at run time
+    initial: list[Node] | None  # as functions of θ; None if the start is given at run time
     carry: list[Node]  # symbols; mirrored entries share one
     next_carry: list[Node]
     outputs: list[Node]
@@ -36,7 +36,7 @@ class Trace(NamedTuple):
 
 
 def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
-    """A function of trees of these shapes; its result is the output."""
+    """Trace a function of trees of these shapes; its result is the output."""
     graph = Graph()
     kinds: dict[Node, str] = {}
     with tracing(), located():
@@ -55,7 +55,7 @@ def trace_step(
     parameters: int | None,
     symmetric: set[str],
 ) -> tuple[Trace, set[str]]:
-    """A step; `carry` is a function of θ or None. Of the leaves that might be `symmetric`, those that are."""
+    """Trace a step; `carry` is a function of θ or None. Also return the leaves of `symmetric` that stay symmetric."""
     while True:
         trace = _traced_step(step, carry, carry_shape, inputs, parameters, symmetric)
         remaining = {p for p in symmetric if _stays_symmetric(trace, carry_shape, p)}
@@ -92,7 +92,7 @@ def _traced_step(
 
 
 def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
-    """The shape of a carry, where an integer or truth that becomes a float is one; `kinds` too."""
+    """Return the shape of a carry, in which an integer or truth value that becomes a float is one; update `kinds`."""
     changed_symbols = symbols
     while changed_symbols:
         kind_of = kind_finder(kinds)
@@ -109,7 +109,7 @@ def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: d
 
 
 def _const_kind(node: Node, kind: str) -> str:
-    """Return `kind` if a constant fits it, "f" if it does not; "" where it is not a constant."""
+    """Return `kind` if a constant fits it, "f" if it does not; "" if the node is not a constant."""
     if node.op != "const":
         return ""
     return kind if node.value in ((0.0, 1.0) if kind == "b" else (np.floor(node.value),)) else "f"
@@ -150,7 +150,7 @@ def _flat(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> tuple[
 
 
 def _matching(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[Node]:
-    """The numbers of a tree that has to have this shape."""
+    """Return the numbers of a tree as nodes. TraceError if it does not have this shape."""
     try:
         flat = values(shape, tree)
     except Invalid as error:

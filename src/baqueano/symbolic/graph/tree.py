@@ -1,8 +1,8 @@
-"""Trees of NamedTuples, tuples, lists, dicts and dataclasses ↔ rows of numbers.
+"""Convert trees of NamedTuples, tuples, lists, dicts and dataclasses to rows of numbers and back.
 
-A *shape of a tree* (`Shape`) says where each number of the row goes. Numbers are leaves: float, int, bool and
-arrays of them; an int travels as a float, exact below 2⁵³, and comes back as an int. Everything else (None,
-text, …) is part of the shape itself.
+A *shape of a tree* (`Shape`) defines the place of each number in the row. Numbers are leaves: float, int, bool and
+arrays of them. An int is stored as a float, exact below 2⁵³, and restored as an int. All other values (None, text, …)
+are part of the shape.
 """
 
 import dataclasses
@@ -34,7 +34,7 @@ class Leaf(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Of its numbers: "x.mean[0]"."""
+        """Return the names of its numbers, as "x.mean[0]"."""
         if not self.is_array:
             return [self.path]
         return [f"{self.path}[{','.join(map(str, index))}]" for index in np.ndindex(self.shape)]
@@ -50,7 +50,7 @@ class Branch(NamedTuple):
 
 
 class ConstantLeaf(NamedTuple):
-    """A constant without numbers: always this very value."""
+    """A constant without numbers: always the same value."""
 
     path: str
     value: Tree
@@ -61,7 +61,7 @@ Shape: TypeAlias = Leaf | Branch | ConstantLeaf
 
 
 def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "f") -> Shape:
-    """The shape of a tree; `kind_of` a node tells what a scalar comes back as."""
+    """Return the shape of a tree; `kind_of` returns the kind to which a scalar is restored."""
     if isinstance(tree, np.ndarray):
         return _array_leaf(tree, path, kind_of)
     if isinstance(tree, Scalar):
@@ -77,7 +77,7 @@ def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "
 
 
 def leaves(shape: Shape) -> Iterator[Leaf]:
-    """All leaves, in the order of their numbers."""
+    """Yield all leaves, in the order of their numbers."""
     if isinstance(shape, Leaf):
         yield shape
     elif isinstance(shape, Branch):
@@ -86,7 +86,7 @@ def leaves(shape: Shape) -> Iterator[Leaf]:
 
 
 def with_kinds(shape: Shape, kinds: Iterator[str]) -> Shape:
-    """The same shape, its leaves coming back as `kinds`."""
+    """Return the same shape with other `kinds` of leaves."""
     if isinstance(shape, Leaf):
         return shape._replace(kind=next(kinds))
     if isinstance(shape, Branch):
@@ -100,7 +100,7 @@ def size(shape: Shape) -> int:
 
 
 def values(shape: Shape, tree: Tree) -> list[Tree]:
-    """Return the leaves of a tree that has this shape; ValueError where it has another."""
+    """Return the leaves of a tree that has this shape; ValueError if it has another one."""
     if isinstance(shape, Leaf):
         return [tree]
     if isinstance(shape, ConstantLeaf):
@@ -116,7 +116,7 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
 
 
 def build(shape: Shape, leaves: Iterator[Tree]) -> Tree:
-    """The tree whose leaves are `leaves`, in order."""
+    """Return the tree with these `leaves`, in order."""
     if isinstance(shape, Leaf):
         return next(leaves)
     if isinstance(shape, ConstantLeaf):
@@ -125,7 +125,7 @@ def build(shape: Shape, leaves: Iterator[Tree]) -> Tree:
 
 
 def make(kind: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
-    """A branch of this kind. No __post_init__ runs: its checks would be `if`s on scalars."""
+    """Return a branch of this kind, without __post_init__: its checks would be `if`s on scalars."""
     if kind is dict:
         return dict(zip(keys, children, strict=True))
     if kind in (tuple, list):
@@ -155,15 +155,17 @@ def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray
 
 
 def restored(leaf: Leaf, column: np.ndarray) -> Tree:
-    """Return floats in the kind of the leaf: an array of its kind; a Python number without axes."""
+    """Return floats in the kind of the leaf: an array, or a Python number for a value without axes."""
     column = column != 0.0 if leaf.kind == "b" else column
     column = np.rint(column).astype(np.int64) if leaf.kind == "i" else column
     return column if column.ndim else column.item()
 
 
 def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
-    """Tells what a node comes back as, from the kinds of the symbols: "i" for what is made of integers
-    alone, "b" for a truth, else "f"."""
+    """Return a function that returns the kind of a node, from the kinds of the symbols.
+
+    The kind is "i" for a node made only of integers, "b" for a truth value, else "f".
+    """
     kinds = dict(symbols)
 
     def kind_of(node: Tree) -> str:
@@ -235,13 +237,13 @@ def _short(value: Tree) -> str:
 
 
 def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
-    """The numbers of a tree as one row."""
+    """Return the numbers of a tree as one row."""
     pairs = zip(leaves(shape), values(shape, tree), strict=True)
     return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
 
 
 def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
-    """Rows (…, numbers) as the tree whose leaves lead with the axes of the rows."""
+    """Return rows (…, numbers) as the tree whose leaves begin with the axes of the rows."""
     return build(shape, _columns(shape, rows))
 
 

@@ -1,1 +1,1 @@
-"""The Python back end: a program → text of plain floats, for use without a C compiler."""
+"""Generate Python code of plain floats from a program, for use without a C compiler."""

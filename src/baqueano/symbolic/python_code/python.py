@@ -1,9 +1,9 @@
-"""The Python back end: a `Program` as text of plain floats, for machines without a C compiler.
+"""Make a `Program` runnable as Python code of plain floats, for machines without a C compiler.
 
-Values that are used once are written into the expression that uses them; the rest are local names. Python
-raises where IEEE has inf or NaN (1/0, sqrt of −1); then the text is run once more with functions that do
-not, and these are kept. Derivatives: the text gives the Jacobian of one tick, NumPy multiplies it into the
-tangents. Lanes: the same text, its numbers arrays with one entry per lane.
+Values that are used once are written into the expression that uses them; the others are local names. Python raises if
+IEEE returns inf or NaN (1/0, sqrt of −1). Then the code runs once more with functions that do not raise, and these are
+kept. Derivatives: the code computes the Jacobian of one tick, and NumPy multiplies it into the tangents. Lanes: the
+same code, on arrays with one entry per lane.
 """
 
 import math
@@ -37,19 +37,19 @@ _LANES = {
 
 
 class TangentCode(NamedTuple):
-    """The derivatives of some values that are not 0: where they stand in a matrix, and what they are."""
+    """The derivatives that are not 0: their places in a matrix, and their nodes."""
 
     places: list[int]
     nodes: list[Node]
 
 
 def make_kernel(program: Program) -> "PythonKernel":
-    """Return the kernel of a program, not written yet."""
+    """Return the kernel of a program, without generated code yet."""
     return PythonKernel(program)
 
 
 class PythonKernel:
-    """Functions of plain floats; see program.Kernel."""
+    """The kernel as functions of plain floats; see program.Kernel."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -59,11 +59,11 @@ class PythonKernel:
 
     @property
     def source(self) -> str:
-        """The text of `run`."""
+        """Return the code of `run`."""
         return kernel_text(self.program, FLOATS, [self.program.outputs])
 
     def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
-        """n ticks."""
+        """Run n ticks: fill outputs and final."""
         _, rows, last = self._call((), [self.program.outputs], theta, start, inputs)
         outputs[:] = np.array([y for (y,) in rows], dtype=float).reshape(outputs.shape)
         final[:] = last
@@ -71,7 +71,7 @@ class PythonKernel:
     def bind(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array
     ) -> Callable[[], object]:
-        """`run` on these very arrays."""
+        """Return `run` bound to these arrays."""
         if n != 1 or self.program.carry or self.program.theta or self.program.start:
             return lambda: self.run(n, theta, start, inputs, outputs, final)
         return self._tick(inputs[0], outputs[0])
@@ -79,7 +79,7 @@ class PythonKernel:
     def sensitivities(
         self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, d_outputs: Array
     ) -> None:
-        """Outputs and their derivatives by theta."""
+        """Fill outputs and their derivatives by theta."""
         program = self.program
         c, m, p = len(program.carry), len(program.outputs), len(program.theta)
         at_start, each = self._slopes()
@@ -94,7 +94,7 @@ class PythonKernel:
     def total(
         self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
     ) -> tuple[float, Array | None]:
-        """The only output summed, and its gradient."""
+        """Return the summed only output, and its gradient or None, by `gradient`."""
         outputs, slopes = np.empty((n, 1)), np.empty((n, 1, len(theta)))
         if gradient:
             self.sensitivities(n, theta, start, inputs, outputs, slopes)
@@ -105,7 +105,7 @@ class PythonKernel:
     def normal_equations(
         self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
-        """The outputs as residuals."""
+        """Return cost, gradient and hessian of the outputs as residuals."""
         outputs = np.empty((n, len(self.program.outputs)))
         slopes = np.empty((*outputs.shape, len(theta)))
         self.sensitivities(n, theta, start, inputs, outputs, slopes)
@@ -123,7 +123,7 @@ class PythonKernel:
         outputs: Array | None,
         final: Array,
     ) -> None:
-        """All lanes at once, tick by tick."""
+        """Run all lanes at once, tick by tick."""
         order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
         ticks = ([[*shared[k], *own[:, k].T][i] for i in order] for k in range(n))
         groups = [] if outputs is None else [self.program.outputs]
@@ -138,7 +138,7 @@ class PythonKernel:
                     outputs[:, k, column] = value
 
     def _tick(self, inputs: Array, outputs: Array) -> Callable[[], object]:
-        """Write a tick: only inputs that are used become numbers of Python, and each value is written once."""
+        """Return the call of a tick: only used inputs become Python numbers, and each value is written once."""
         program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
         nodes = list(dict.fromkeys(program.outputs))
         used_inputs = sorted(place[node] for node in below(nodes) if node in place)
@@ -172,7 +172,7 @@ class PythonKernel:
         return call
 
     def _slopes(self) -> tuple[TangentCode, TangentCode]:
-        """Return where ∂carry₀/∂θ and ∂(outputs, next carry)/∂(carry, θ) are not 0."""
+        """Return the entries of ∂carry₀/∂θ and ∂(outputs, next carry)/∂(carry, θ) that are not 0."""
         if self.slopes is None:
             p, m = self.program, len(self.program.outputs)
             begin = jacobian_rows(p.initial, p.theta)
@@ -220,7 +220,7 @@ class PythonKernel:
 
 
 def _dependent(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:
-    """θ, and what of the carry depends on it: a slope by anything else may be inf, and is never needed."""
+    """Return θ and the entries of the carry that depend on it: a derivative by others may be inf, and is not needed."""
     dependent, size = set(program.theta), -1
     while size != len(dependent):
         size = len(dependent)

@@ -1,4 +1,4 @@
-"""A `Program` → the text of a Python function: kernel(theta, start, inputs) → first, rows, last carry.
+"""Convert a `Program` to the code of a Python function: kernel(theta, start, inputs) → first, rows, last carry.
 
 Without a carry, a tick is tick(inputs) → values.
 """
@@ -11,7 +11,7 @@ from baqueano.symbolic.graph.node import Node, below
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.ieee import LOGICAL
 
-DEEPEST = 20  # parentheses within parentheses; Python's parser gives up at 200
+DEEPEST = 20  # nested parentheses; Python's parser fails at 200
 BRANCH_PAYS = 4.0  # operations: a branch costs Python little more than one of them
 
 
@@ -20,7 +20,7 @@ class Formats(NamedTuple):
 
     name: str
     texts: dict[str, str]
-    truths_are_numbers: bool = True  # True + True is 2; not so in NumPy
+    truths_are_numbers: bool = True  # True + True is 2, but not in NumPy
 
 
 _COMMON = {
@@ -46,7 +46,7 @@ ARRAYS = Formats("arrays", _COMMON, truths_are_numbers=False)
 def kernel_text(
     program: Program, formats: Formats, groups: Sequence[Sequence[Node]], first: Sequence[Node] = ()
 ) -> str:
-    """`first` is computed once, before the loop; a row holds a tuple for each of `groups`."""
+    """Return the code of the kernel: `first` is computed before the loop; a row has a tuple for each of `groups`."""
     each = [*program.next_carry, *(node for group in groups for node in group)]
     once = [*program.initial, *first]
     text = _PythonText(formats, [*each, *once])
@@ -75,7 +75,7 @@ def kernel_text(
 
 
 def tick_text(formats: Formats, inputs: Sequence[Node], nodes: Sequence[Node]) -> str:
-    """Write a tick without parameters and carry; terms of one arm of a choice are sunk into a branch."""
+    """Return the code of a tick without parameters and carry; terms of one arm of a choice are sunk into a branch."""
     text = _PythonText(formats, nodes)
     leaves = text.leaves("i", inputs)
     text.statements([node for node in below(nodes) if node.op == "const"], "")
@@ -94,12 +94,12 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
 
 
 def _truths(node: Node) -> int:
-    """Return how many of its first arguments are conditions."""
+    """Return the number of first arguments that are conditions."""
     return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
 
 
 class _PythonText:
-    """Statements that compute nodes; each has the name of a variable, or the expression it is."""
+    """Statements that compute nodes. Each node has the name of a variable, or an expression."""
 
     def __init__(self, formats: Formats, roots: Sequence[Node]) -> None:
         self.formats = formats
@@ -117,13 +117,13 @@ class _PythonText:
                     self.numbers.add(a)
 
     def leaves(self, letter: str, nodes: Sequence[Node]) -> str:
-        """Names for symbols, as a tuple to assign to."""
+        """Define names for symbols and return them as a tuple to assign to."""
         names = [f"{letter}{k}" for k in range(len(nodes))]
         self.names |= zip(nodes, names, strict=True)
         return f"({', '.join(names)},)" if names else "()"
 
     def statements(self, nodes: Iterable[Statement], indent: str, name_all: bool = False) -> list[str]:
-        """Write the statements of the nodes, in order; a node that is used once becomes a part of its user."""
+        """Return the statements of the nodes, in order; a node that is used once becomes a part of its user."""
         lines = []
         for node in nodes:
             if isinstance(node, EmittedBranch):
@@ -142,7 +142,7 @@ class _PythonText:
         return lines
 
     def branch(self, branch: EmittedBranch, indent: str) -> list[str]:
-        """An if and an else, in which the choices are given their values."""
+        """Return an if and an else that assign the values of the choices."""
         lines, inside = [], indent + "    "
         for k, (head, arm) in enumerate(
             ((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))
@@ -154,7 +154,7 @@ class _PythonText:
         return lines
 
     def expression(self, node: Node) -> str:
-        """The text of one node."""
+        """Return the code of one node."""
         if node.op == "const":
             return repr(node.value)
         truths = _truths(node)
@@ -168,10 +168,10 @@ class _PythonText:
         return f"{node.op}_({', '.join(args + table)})"
 
     def number(self, node: Node) -> str:
-        """The text of a value that is used as a number, though it may be a truth."""
+        """Return the code of a value that is used as a number, though it may be a truth value."""
         is_truth = node.op in LOGICAL and not self.formats.truths_are_numbers
         return f"(1.0 * {self.names[node]})" if is_truth else self.names[node]
 
     def all(self, nodes: Sequence[Node]) -> str:
-        """A tuple of values."""
+        """Return the code of a tuple of values."""
         return "(" + "".join(f"{self.number(node)}, " for node in nodes) + ")"

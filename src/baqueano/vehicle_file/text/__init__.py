@@ -1,1 +1,1 @@
-"""The text of a vehicle file: read with the line of every key, written back with comments and the rest as it was."""
+"""Read the text of a vehicle file with the line of every key, and write it with comments and the rest unchanged."""

@@ -1,4 +1,4 @@
-"""Tables → TOML text: through tomlkit where the tables came from it, else plainly, without comments."""
+"""Convert tables to TOML text: by tomlkit if it read them, else plainly, without comments."""
 
 import json
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def dump(document: Any) -> str:
-    """The text of a document."""
+    """Return the text of a document."""
     if hasattr(document, "as_string"):
         return document.as_string()
     return "\n".join(_lines(document, ())).strip("\n") + "\n"

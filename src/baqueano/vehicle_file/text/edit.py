@@ -1,6 +1,6 @@
-"""Values → text: only what changed is changed, comments stay, and the file is written whole or not at all.
+"""Edit values in the text of a vehicle file: all else stays, and the file is written whole or not at all.
 
-So the difference of two files is what changed on the vehicle: its wear.
+So the difference of two files shows only the changes of the vehicle: its wear.
 """
 
 import os
@@ -84,7 +84,7 @@ def edited(
     parameter_cov: ParameterCov | None,
     envelope: "Envelope | None" = None,
 ) -> str:
-    """The text of `file` with other values, where they come from, and how sure they are."""
+    """Return the text of `file` with other values, their provenance, and the covariance and envelope of a fit."""
     if not _has_tomlkit():
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
@@ -97,7 +97,7 @@ def edited(
 
 
 def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
-    """The text to a new file beside the old one, which then takes its name: a cut leaves the old one."""
+    """Write the text to a new file, which then replaces the old one: after an interruption the old one stays."""
     target = Path(path).expanduser() if path is not None else file.path
     if target is None:
         raise UsageError(fault("vehicle.of-garage", name=file.name))
@@ -146,7 +146,7 @@ def _with(
     parameter_cov: ParameterCov | None = None,
     envelope: "Envelope | None" = None,
 ) -> str:
-    """The text with the values put in; with comments by tomlkit, else written anew."""
+    """Return the text with the new values: with comments by tomlkit, else written anew."""
     paths = known_paths(_with_kinds(file.data, values), file.folder)
     if keep_comments:
         import tomlkit
@@ -176,13 +176,13 @@ def _with(
 
 
 def _with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
-    """The tables with the kinds that `values` give to rooms."""
+    """Return the tables with the kinds that `values` set for rooms."""
     kinds = {key.removesuffix(".kind"): value for key, value in values.items() if key in KINDS}
     return data | {room: {**data.get(room, {}), "kind": kind} for room, kind in kinds.items()}
 
 
 def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths: list[str]) -> None:
-    """Delete what the block of another kind does not have."""
+    """Delete the keys that the block of another kind does not have."""
     for room, *rest in changed_paths:
         if rest == ["kind"] and f"{room}.kind" in KINDS:
             for key in [k for k in document[room] if f"{room}.{k}" not in paths]:
@@ -193,7 +193,7 @@ def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths
 def _with_entry(
     file: VehicleFile, path: tuple[str, ...], array_value: object, entry: tuple[int, ...], value: object
 ) -> np.ndarray:
-    """The whole array that one entry belongs to."""
+    """Return the whole array of a key with one entry replaced."""
     array = np.array(
         value_in_force(file, ".".join(path)) if array_value is None else array_value, dtype=float
     )
@@ -206,7 +206,7 @@ def _with_entry(
 
 
 def _set_value(document: Any, path: tuple[str, ...], value: Any) -> None:
-    """Sets one key, with its tables made where they are missing."""
+    """Set one key, and create missing tables."""
     table = document
     for part in path[:-1]:
         if part not in table:
@@ -251,7 +251,7 @@ def _same_shape(old: Any, new: Any) -> bool:
 
 
 def _plain(value: object) -> Any:
-    """Python's own numbers and lists, as TOML knows them."""
+    """Return a value as numbers and lists of Python, as TOML requires."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, dict):
@@ -282,7 +282,7 @@ def _cov_table(p: ParameterCov) -> "JsonObject":
 
 
 def _round(value: Any, sd: Any) -> Any:
-    """Values to a thousandth of their standard deviation, where that is known."""
+    """Return values rounded to a thousandth of their standard deviation, if it is known."""
     if sd is None or isinstance(value, str | bool):
         return value
     array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))

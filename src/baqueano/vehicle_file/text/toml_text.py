@@ -1,7 +1,7 @@
-"""The text of a vehicle file: bytes → text → tables, with a line number for every key.
+"""Convert the bytes of a vehicle file to text and tables, with a line number for every key.
 
-A hand-written file comes from any editor: a byte order mark is dropped. UTF-16 and other encodings are refused with the
-remedy. So is what would cost more than a file is worth (64 KiB, 16 levels).
+A hand-written file may come from any editor: a byte order mark is dropped. UTF-16 and other encodings are refused with
+the remedy. So is a file above the limits of 64 KiB or 16 levels.
 """
 
 import re
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 LARGEST = 64 * 1024  # bytes
-DEEPEST = 16  # tables within tables
+DEEPEST = 16  # nested tables
 _DOTS = re.compile(r"""[\w"'.\- \t]+""")
 _HEADER = re.compile(r"^\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
@@ -24,7 +24,7 @@ _PART = re.compile(r"""[\w-]+|"[^"]*"|'[^']*'""")
 
 
 def read_text(path: Path) -> str:
-    """The text of the file at `path`."""
+    """Return the text of the file at `path`. FileError if it cannot be read or is too large."""
     try:
         size = path.stat().st_size
         content = path.read_bytes() if size <= LARGEST else b""
@@ -36,7 +36,7 @@ def read_text(path: Path) -> str:
 
 
 def decode(content: bytes, name: str) -> str:
-    """UTF-8, with or without a byte order mark."""
+    """Return the text of UTF-8 bytes, without a byte order mark. FileError for another encoding or an empty file."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise FileError(fault("toml.utf-16", file=name))
     if b"\0" in content:
@@ -53,7 +53,7 @@ def decode(content: bytes, name: str) -> str:
 
 
 def tables(text: str, name: str) -> "JsonObject":
-    """The tables of the text, or FileError with the line that is wrong."""
+    """Return the tables of the text. FileError with the wrong line if it is not TOML."""
     try:
         return parsed(text, name)
     except tomllib.TOMLDecodeError as error:
@@ -61,8 +61,7 @@ def tables(text: str, name: str) -> "JsonObject":
 
 
 def parsed(text: str, name: str) -> "JsonObject":
-    """Return the tables of the text. FileError where it costs more than a file is worth, TOMLDecodeError where it is
-    not TOML."""
+    """Return the tables of the text. FileError for one beyond the limits, TOMLDecodeError if it is not TOML."""
     _refuse_long_keys(text, name)
     try:
         data = tomllib.loads(text)
@@ -78,7 +77,7 @@ def parsed(text: str, name: str) -> "JsonObject":
 
 
 def line_of(text: str, path: tuple[str, ...]) -> int | None:
-    """The line on which the key (or table) `path` is written; None where it is not found."""
+    """Return the line of the key or table `path`; None if it is not found."""
     table: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):
         if header := _HEADER.match(line):
@@ -95,7 +94,7 @@ def _parts(dotted_key: str) -> tuple[str, ...]:
 
 
 def _refuse_long_keys(text: str, name: str) -> None:
-    """A key of thousands of parts takes seconds to read."""
+    """Raise FileError for a key with many parts: thousands of them take seconds to read."""
     for number, line in enumerate(text.splitlines(), 1):
         runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * DEEPEST else []
         if any(run.count(".") > 2 * DEEPEST for run in runs):
@@ -103,7 +102,7 @@ def _refuse_long_keys(text: str, name: str) -> None:
 
 
 def _depth(value: object) -> int:
-    """Levels of tables and lists, counted without recursion."""
+    """Return the number of levels of tables and lists, counted without recursion."""
     deepest, level = 0, [value]
     while level:
         deepest += 1
@@ -113,7 +112,7 @@ def _depth(value: object) -> int:
 
 
 def _syntax(cause: str, text: str, name: str) -> Diagnostic:
-    """Return what tomllib found, with the line itself and the usual remedy."""
+    """Return the error of tomllib, with the line and the usual remedy."""
     match = re.search(r"\(at line (\d+), column \d+\)", cause)
     lines = text.splitlines()
     number = int(match[1]) if match else len(lines)

@@ -1,1 +1,1 @@
-"""The vehicle for programs that speak Foxglove's protocol: they look, and change nothing."""
+"""Publish the vehicle to programs that use Foxglove's protocol; they have read-only access."""

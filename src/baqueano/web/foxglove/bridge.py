@@ -1,13 +1,13 @@
-"""Foxglove's WebSocket protocol, version 1, under both its names; a client looks, and that is all.
+"""Implement Foxglove's WebSocket protocol, version 1, under both its names, with read-only access.
 
     ws://HOST:PORT/foxglove[/TOKEN]
 
-channels        one of JSON for each family of numbers, a message a tick; events; the route
+channels        one JSON channel for each family of numbers, one message per tick; events; the route
 parameters      name, world and blocks of the vehicle, its gains and limits: read only
-connection      the block diagram: who publishes a topic, who reads it
+connection      the block diagram: which block publishes a topic, which block reads it
 graph
 
-Words are read as `op`; a client that publishes, calls or sets is told so and nothing is done.
+The field `op` names each message. A client that publishes, calls or sets receives an error status; nothing changes.
 """
 
 import json
@@ -52,14 +52,14 @@ REFUSED = {
 
 
 class Client(NamedTuple):
-    """A program that looks: subscription → topic."""
+    """A connected program, and its subscriptions: subscription number → topic."""
 
     line: Visitor
     subscriptions: dict[int, str]
 
 
 class Foxglove:
-    """All programs that look at a vehicle. `about` returns its words: vehicle, fields, route."""
+    """All programs that watch a vehicle. `about` returns the description: vehicle, fields, route."""
 
     def __init__(self, about: "Callable[[], JsonObject]", now_ns: Callable[[], int] = time.time_ns) -> None:
         self._about, self._now_ns = about, now_ns
@@ -71,7 +71,7 @@ class Foxglove:
         return len(self._clients)
 
     def welcome(self, line: Visitor) -> None:
-        """Say who the vehicle is, and what there is to see."""
+        """Send a new client the server information and the list of channels."""
         self._clients[line] = Client(line, {})
         vehicle = self._about().get("vehicle") or {}
         line.say({
@@ -81,12 +81,12 @@ class Foxglove:
         })  # fmt: skip
         line.say({"op": "advertise", "channels": self._channels()})
 
-    def left(self, line: Visitor) -> None:
-        """A program has gone."""
+    def on_disconnect(self, line: Visitor) -> None:
+        """Forget a client that has disconnected."""
         self._clients.pop(line, None)
 
     async def receive(self, line: Visitor, word: "JsonObject") -> None:
-        """Do a word of a program; one that would change something is answered by a status."""
+        """Carry out a message of a client; answer one that would change something by an error status."""
         client, op = self._clients[line], word["op"]
         try:
             match op:
@@ -109,7 +109,7 @@ class Foxglove:
             line.say(_status("web.not-understood", type(error).__name__))
 
     def show(self, rows: list[list[float]]) -> None:
-        """Send the rows of a frame to who has subscribed to something of them; each topic is encoded once."""
+        """Send the rows of a frame to the clients that subscribed to their topics; each topic is encoded only once."""
         if not self._clients:
             return
         fields = self._about()["fields"]
@@ -127,7 +127,7 @@ class Foxglove:
                 client.line.show(b"".join(messages))
 
     def event(self, severity: str, words: str) -> None:
-        """Send an event to who has subscribed to events."""
+        """Send an event to the clients that subscribed to events."""
         self._send(EVENTS, {
             "timestamp": _time(self._now_ns()), "level": LEVELS.get(severity, 2), "message": words,
             "name": "baqueano", "file": "", "line": 0,
@@ -164,7 +164,7 @@ class Foxglove:
         ]  # fmt: skip
 
     def _renew_channels(self) -> None:
-        """Another vehicle may have other columns: those that know the old channels get the new ones."""
+        """Advertise the channels again if the columns changed, as another vehicle may have other columns."""
         before = self._topics
         channels = self._channels()
         if before == self._topics:
@@ -221,7 +221,7 @@ class Foxglove:
                     client.line.show(packed(MESSAGE.pack(DATA, number, self._now_ns()) + body))
 
     def _stamp(self, row: list[float]) -> int:
-        """Return the time of a row on the clock of the wall: that of its drive's begin, and the time since then."""
+        """Return the time of a row [ns] on the wall clock: the start of its drive plus the time since then."""
         t_s = float(row[0] or 0.0)
         if t_s < self._last_s:
             self._begun_ns = self._now_ns() - round(t_s * SECOND)
@@ -253,7 +253,7 @@ def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
 
 
 def _body(topic: str, fields: "list[JsonObject]", row: list[float]) -> bytes:
-    """Return the numbers of a topic as JSON; nothing where none of them is known."""
+    """Return the numbers of a topic as JSON, or b"" if all of them are unknown."""
     pairs = zip((field["name"] for field in fields), row, strict=False)
     values = {_key(name): x for name, x in pairs if _topic(name) == topic}
     return encoded(values) if any(x is not None for x in values.values()) else b""

@@ -1,7 +1,7 @@
-"""Lab worker: a child of the page process that reads runs and computes, over pipes. It opens no socket.
+"""Lab worker: a child of the page process that reads runs and computes. It uses pipes and does not open a socket.
 
-handle      the page's end
+handle      the page's end of the pipes
 worker      the child: python -m baqueano.web.lab.worker
-recorded    a run as rows of numbers, and what stands around them
-shelf       the runs of a folder, their reports
+recorded    a run as rows of numbers, with its description
+shelf       the runs of a folder and their reports
 """

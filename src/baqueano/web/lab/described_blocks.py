@@ -1,7 +1,7 @@
-"""A block for the page: its text, its parameters, what a step costs, and which other blocks could stand in its room.
+"""Describe a block for the page: its text, its parameters, the time of a step, and the blocks that could replace it.
 
-A class of the user's own is listed by its text alone; it is executed once somebody picks it, from the folder of the
-vehicle file or the one where the page was started. No text comes from a browser.
+A class of the user is listed from its source text only. It is executed once a visitor chooses it, from the folder of
+the vehicle file or the folder where the page was started. A browser cannot send source text.
 """
 
 import ast
@@ -33,7 +33,10 @@ MOST_NUMBERS = 9  # of an array that is shown whole
 
 
 def described(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
-    """Return all that the page shows of the block of a room, or of another `kind` in its place."""
+    """Return all that the page shows of the block of a room, or of another `kind` in its place.
+
+    Raise UsageError if the kind is not in the list of the room.
+    """
     room, kind = word["room"], word["kind"]
     of_file = _kind_in_file(room, file)
     alternatives = listed_kinds(room, file) if room in SWAPPED else []
@@ -49,7 +52,7 @@ def described(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
 
 
 def check_block(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
-    """Return what `blocks check` finds wrong with it."""
+    """Return the findings of `blocks check` about the block."""
     from baqueano.vehicle_file.checked import check
 
     described(word | {"kind": word["kind"]}, file)  # refuses what is in no list
@@ -59,12 +62,12 @@ def check_block(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
 
 
 def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
-    """Return what may stand in a room: our kinds, and the classes of the user's folder."""
+    """Return the kinds that fit a room: the built-in kinds, and the classes of the user's folder."""
     return [*kinds(room), *own_kinds(room, file)]
 
 
 def own_kinds(room: str, file: "VehicleFile") -> list[str]:
-    """Return "file.py:Class" of each class in the user's folder that fits a room, by its text."""
+    """Return "file.py:Class" for each class in the user's folder whose source text fits a room."""
     kinds = []
     for path in sorted(Path(file.folder or ".").glob("*.py"))[:FILES]:
         if path.is_symlink() or path.stat().st_size > LARGEST:
@@ -79,7 +82,7 @@ def own_kinds(room: str, file: "VehicleFile") -> list[str]:
 
 
 def _room(cls: ast.ClassDef) -> str:
-    """Return the room of a class by the inputs of its step, or by what it is derived from."""
+    """Return the room of a class, found from the inputs of its `step` or from its base class, or "" if neither fits."""
     steps = [
         function for function in cls.body if isinstance(function, ast.FunctionDef) and function.name == "step"
     ]
@@ -91,7 +94,7 @@ def _room(cls: ast.ClassDef) -> str:
 
 
 def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
-    """Return the block of a room with what the file holds for it."""
+    """Return the block of a room, built with the values of the vehicle file."""
     from baqueano.guides.shapes import circle
 
     if room == "vehicle":
@@ -111,7 +114,10 @@ def _kind_in_file(room: str, file: "VehicleFile") -> str:
 
 
 def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
-    """Return the time [µs] of a step of this block as a drive calls it, here; None where it cannot be tried."""
+    """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
+
+    None if a block of the loop raises an error.
+    """
     from baqueano import loop
     from baqueano.drive.session import example_tick, ready
     from baqueano.loop import Blocks
@@ -145,7 +151,7 @@ def _is_own(cls: type) -> bool:
 
 
 def _text(cls: type) -> "JsonObject":
-    """Return the name of the file of a class, and its text."""
+    """Return the file name of a class, its text, and the line where the class begins."""
     from baqueano.block_checks.source_text import source_text
 
     text = source_text(cls)
@@ -155,7 +161,7 @@ def _text(cls: type) -> "JsonObject":
 
 
 def _line(text: str, name: str) -> int:
-    """Return the line, from 0, at which the class begins."""
+    """Return the line, counted from 0, at which the class begins, or 0 if it is not found."""
     return next((k for k, line in enumerate(text.splitlines()) if line.startswith(f"class {name}")), 0)
 
 

@@ -1,4 +1,4 @@
-"""The drives that a lab worker identifies: the one that goes on, by its rows, and runs that are over."""
+"""Hold the drives that a lab worker identifies: the current one, from its rows, and finished runs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ KEPT = 8  # answers on runs
 
 
 class Drives:
-    """The drive that goes on, and the answers on runs."""
+    """The current drive, and the stored answers about runs."""
 
     def __init__(self) -> None:
         self._vehicle: tuple[str, int] | None = None
@@ -21,7 +21,7 @@ class Drives:
         self._answers: dict[tuple[str, int], JsonObject] = {}
 
     def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """Take rows of the drive `drive` of a vehicle; return what it has taught."""
+        """Add rows to the drive number `drive` of a vehicle, and return the state of its identification."""
         from baqueano.web.lab.identification import DriveIdentification
 
         anew = word["drive"] != self._number
@@ -41,7 +41,7 @@ class Drives:
         return self._drive.state(), b""
 
     def answer_run(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """Return what a run has taught."""
+        """Return the identification of a run."""
         from baqueano.drive.verbs import vehicle_of
         from baqueano.runs import read_run
         from baqueano.web.lab.identification import DriveIdentification
@@ -61,7 +61,7 @@ class Drives:
 
 
 def _version(source: str) -> tuple[str, int]:
-    """Return what changes where the file of a vehicle has been written again."""
+    """Return a key that changes if the file of a vehicle is written again."""
     path = Path(source)
     return source, path.stat().st_mtime_ns if path.is_file() else 0
 

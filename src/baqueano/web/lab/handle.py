@@ -1,4 +1,4 @@
-"""The page's end of the lab worker: ask, and await the answer. The worker starts with the first word."""
+"""The page's end of the lab worker: send a request and await the answer. The first request starts the worker."""
 
 import asyncio
 import json
@@ -17,7 +17,7 @@ LINE = 16 << 20
 
 
 class Lab:
-    """A worker, and its answers in the order of the words."""
+    """A worker that answers requests in the order in which they arrive."""
 
     def __init__(self) -> None:
         self._program: asyncio.subprocess.Process | None = None
@@ -25,8 +25,10 @@ class Lab:
         self._tasks: set[asyncio.Task[tuple[JsonObject, bytes]]] = set()
 
     async def ask(self, do: str, **words: object) -> tuple["JsonObject", bytes]:
-        """Return the answer to a word, and the bytes behind it. The error that the worker met is raised here. Who goes
-        meanwhile leaves an answer that is read all the same: it is not taken for the next."""
+        """Return the answer to a request, and the bytes that follow it. Raise the error that the worker met.
+
+        The answer is read even if the caller is cancelled, so that it is not taken for the answer to the next request.
+        """
         task = asyncio.create_task(self._exchange({"do": do, **words}))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -50,7 +52,7 @@ class Lab:
                 return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
 
     async def close(self) -> None:
-        """End the worker."""
+        """End the worker, and cancel the requests that wait for it."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)

@@ -1,9 +1,9 @@
-"""Parameters of a vehicle while it drives, from the rows of the page: in the lab worker, beside the drive.
+"""Identify the parameters of a vehicle during a drive, in the lab worker, from the rows that the page receives.
 
-The information of each window is exact (identify/design/live.py); a real fit over all rows is made again and again in a
-thread. It begins after FIRST_S of driving and repeats each second, within SHARE of the time. Errors are those that the
-information expects: before the first fit at the guess of the vehicle file, from then on at what was fitted. Values,
-their own standard errors and the verdict are the fit's alone.
+The information of each window is exact (identify/design/live.py). A real fit over all rows runs in a thread, first
+after FIRST_S of driving, then each second, but within SHARE of the time. The expected errors follow from the
+information: at the values of the vehicle file before the first fit, at the fitted values afterwards. The fit gives the
+values, their own standard errors and the verdict.
 """
 
 import time
@@ -42,7 +42,7 @@ LONGEST_GAP_S = 5.0
 
 
 class FitOfDrive(NamedTuple):
-    """A fit of the first seconds of a drive."""
+    """A fit of the first `t_s` seconds of a drive, and the time that it took."""
 
     fit: "Fit"
     t_s: float
@@ -50,7 +50,7 @@ class FitOfDrive(NamedTuple):
 
 
 class DriveIdentification:
-    """One drive of one vehicle. `rows` and `state` are called by one thread."""
+    """The identification of one drive of one vehicle. The same thread must call `rows` and `state`."""
 
     def __init__(self, file: "VehicleFile", backend: str = "auto") -> None:
         self.file = file
@@ -86,7 +86,7 @@ class DriveIdentification:
         self._fit_ticks = 0
 
     def warm(self) -> None:
-        """Compile what a window needs, before there is one."""
+        """Compile the code that a window needs before the first window arrives."""
         if self.compiled:
             rest_command = np.zeros((WINDOW, self._u.shape[1]))
             self._live.add(self._information, rest_command)
@@ -94,18 +94,20 @@ class DriveIdentification:
 
     @property
     def seconds(self) -> float:
-        """Return how much of the drive has come."""
+        """Return the duration [s] of the drive so far."""
         return len(self._ticks) / self.file.rate_hz
 
     @property
     def busy(self) -> bool:
-        """Return True while rows wait for their window or their fit, or a fit goes on."""
+        """Return True while rows wait for their window or their fit, or while a fit is running."""
         waiting = self.seconds >= FIRST_S and self._fit_ticks < len(self._ticks)
         return self._job is not None or waiting or len(self._sd) < len(self._ticks) // WINDOW
 
     def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
-        """Take ticks that follow those before. Ticks that are missing are driven with the last command and measured
-        nothing."""
+        """Add ticks that follow the previous ones.
+
+        Missing ticks are filled with the last command and without measurements. A gap over LONGEST_GAP_S begins anew.
+        """
         x = np.array(rows, dtype=float).reshape(len(rows), len(names))
         at = {name: k for k, name in enumerate(names)}
         n, nothing = self._u.shape[1], np.full(len(x), np.nan)
@@ -130,7 +132,7 @@ class DriveIdentification:
         self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, z_on_ticks])
 
     def state(self) -> "JsonObject":
-        """Return all that the page shows, and begin a fit where one is due."""
+        """Return all that the page shows, and start a fit if one is due."""
         self._take_fit()
         self._advance(time.monotonic() + BUDGET_S)
         now_s = time.monotonic()
@@ -142,7 +144,7 @@ class DriveIdentification:
         return self._description()
 
     def whole(self, run: Run) -> "JsonObject":
-        """Return the same of a run that is over and whose rows have come, with the fits of its first parts."""
+        """Return the state for a finished run whose rows have all been added, with fits of growing parts of the run."""
         ends = np.geomspace(FIRST_S, max(FIRST_S, run.duration_s), STAGES if self.compiled else 1)
         fits: list[FitOfDrive] = []
         for t_s in [*ends[:-1].tolist(), run.duration_s]:
@@ -173,7 +175,7 @@ class DriveIdentification:
         return Run("live", None, t_ns, self._u, sensors=sensors, vehicle_text=self.file.text)
 
     def close(self) -> None:
-        """End the thread with its fit."""
+        """End the thread and cancel the fits that have not begun."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     @property
@@ -181,7 +183,7 @@ class DriveIdentification:
         return WINDOW / self.file.rate_hz
 
     def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
-        """Return a fit, or why it failed."""
+        """Return a fit, or the diagnostic of its failure."""
         began_s = time.monotonic()
         try:
             fit = identify(run, self.file)
@@ -190,7 +192,7 @@ class DriveIdentification:
         return FitOfDrive(fit, len(run.t_ns) / self.file.rate_hz, time.monotonic() - began_s)
 
     def _take_fit(self) -> None:
-        """Take a fit that has ended: from now on errors are expected at what it found."""
+        """Take over a fit that has finished: from now on errors are expected at its values."""
         if self._job is None or not self._job.done():
             return
         result, self._job = self._job.result(), None
@@ -203,7 +205,7 @@ class DriveIdentification:
         self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / SHARE - 1.0))
 
     def _use(self, drive_fit: FitOfDrive) -> None:
-        """Take a fit. One that is refused moves no bar: its numbers are not believed."""
+        """Compute the expected errors at the values of this fit. A refused fit does not change them."""
         self._last_fit = drive_fit
         if drive_fit.fit.verdict == Verdict.REFUSED:
             return
@@ -223,7 +225,7 @@ class DriveIdentification:
             self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[at], 1.0)
 
     def _advance(self, until_s: float) -> None:
-        """Add the windows that have come."""
+        """Add the complete windows that have arrived, until the time `until_s`."""
         has = np.isfinite(self._z).astype(float)
         for at in range(len(self._sd) * WINDOW, len(self._ticks) - WINDOW + 1, WINDOW):
             part = slice(at, at + WINDOW)
@@ -263,7 +265,7 @@ class DriveIdentification:
         }  # fmt: skip
 
     def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
-        """Return a fit in plain numbers: values, their standard errors in parts of them, and the verdict."""
+        """Return a fit in plain numbers: values, their relative standard errors, and the verdict."""
         fit, value, sd = drive_fit.fit, [], []
         for path in self._informant.of.names:
             k = fit.names.index(path) if path in fit.names else None
@@ -279,7 +281,10 @@ class DriveIdentification:
         }  # fmt: skip
 
     def _next(self) -> "JsonObject | None":
-        """Return the motion that would tell most; not without a compiler, where that takes seconds."""
+        """Return the motion that would reduce the uncertainty most.
+
+        None without a compiler, where the search takes seconds, before the first window, or if no motion is advised.
+        """
         if not self.compiled or not self._sd:
             return None
         advice = self._advisor.next(self._information.F, self._theta, self._size, self._wider)

@@ -1,11 +1,11 @@
-"""The page's end of live identification: rows of the drive go to a lab worker of their own. Its results come back each
-second, and go to each browser that looks, in its language.
+"""The page's end of live identification: the rows of the drive go to a separate lab worker. Its results arrive each
+second, and are sent to each browser that watches, in its language.
 
-    browser   identify {on}             look at it, or look away
-    page      identify {of: "live", …}  each second while somebody looks: what is known of each parameter
-    browser   ask {what: "identify", run}   page   answer {to: "ask", …}: the same of a run, at all its times
+  browser   identify {on}             begin to watch, or stop watching
+  page      identify {of: "live", …}  each second while a browser watches: the state of each parameter
+  browser   ask {what: "identify", run}   page   answer {to: "ask", …}: the same for a run, at all its times
 
-The worker starts when somebody looks. Until then the newest rows are kept, KEPT_S long.
+The worker starts when the first browser watches. Until then the newest KEPT frames are stored.
 """
 
 import asyncio
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 EACH_S = 1.0
 FRAMES_HZ = 20.0
-KEPT = 2_400  # frames of a drive that nobody has asked about: two minutes
+KEPT = 2_400  # frames of a drive that no browser watches: two minutes
 PORTION = 2_000  # rows a question, about
 NAN = float("nan")
 
 
 class Identifying:
-    """The drive that goes on, or the last one, and who looks at what it taught."""
+    """The current drive, or the last one, and the browsers that watch its identification."""
 
     def __init__(self, visitors: Callable[[], Iterable[Visitor]] = tuple) -> None:
         self._lab, self._visitors = Lab(), visitors
@@ -51,7 +51,7 @@ class Identifying:
         self._asking: asyncio.Task[None] | None = None
 
     def begin(self, names: list[str], ahead: bool = False) -> None:
-        """A drive with these columns begins. `ahead`: start the worker at once, somebody will look."""
+        """Begin a drive with these columns. `ahead` starts the worker at once, before a browser watches."""
         has_time = "t" in names
         self._at = [
             k for k, name in enumerate(names) if has_time and (name == "t" or name[:2] in ("u.", "z."))
@@ -63,7 +63,7 @@ class Identifying:
             self._asking = asyncio.create_task(self._ask(once=True))
 
     def take(self, rows: list[list[float | None]]) -> None:
-        """Take ticks of the drive."""
+        """Add ticks of the drive."""
         if not self._at:
             return
         if (rows[0][self._at[0]] or 0.0) < self._last_s:
@@ -73,7 +73,7 @@ class Identifying:
         self._last_s = rows[-1][self._at[0]] or 0.0
 
     def look(self, visitor: Visitor, on: bool) -> None:
-        """Tell this browser from now on, or no more."""
+        """Begin to send the identification to this browser, or stop if `on` is False."""
         if not on:
             self._looking.discard(visitor)
             return
@@ -84,7 +84,7 @@ class Identifying:
             self._asking = asyncio.create_task(self._ask())
 
     async def recorded(self, path: Path, language: str) -> "JsonObject":
-        """Return what a run has taught."""
+        """Return the identification of a run, with sentences in this language."""
         reply, _ = await self._lab.ask("identify run", path=str(path))
         return worded(reply, language)
 
@@ -103,7 +103,7 @@ class Identifying:
         self._reply = None
 
     async def _ask(self, once: bool = False) -> None:
-        """Hand rows to the worker each second, and tell what it answers, while somebody looks."""
+        """Send rows to the worker each second, and pass on its answers, while a browser watches."""
         if once:
             await self._once()
         while self._looking:
@@ -139,7 +139,7 @@ class Identifying:
 
 
 def worded(reply: "JsonObject", language: str) -> "JsonObject":
-    """Return what the worker says with its diagnostics as sentences of this language."""
+    """Return an answer of the worker with its diagnostics as sentences of this language."""
     with within(language):
         return {name: _in_words(value, name) for name, value in reply.items()}
 

@@ -1,9 +1,9 @@
-"""Runs that were just made, in motion: the words of a service, at a pace, of drives that are over.
+"""Play runs that were just recorded: send the messages of a service, at a pace, from finished drives.
 
-    python -m baqueano.web.lab.playback FOLDER [--pace F] [--no-browser]
+  python -m baqueano.web.lab.playback FOLDER [--pace F] [--no-browser]
 
-Lines of JSON on stdin: {"play": path}, {"tuned": …} and {"say": diagnostic}. At the end of stdin it plays what is left
-to whoever watches, and ends. The simulation is not slowed down by that, nor by a browser.
+stdin carries lines of JSON: {"play": path}, {"tuned": …} and {"say": diagnostic}. At the end of stdin it plays the
+rest while a browser watches, then ends. Neither the playback nor a browser slows the simulation down.
 """
 
 import argparse
@@ -38,7 +38,7 @@ TUNED_S = 7.0  # with the gains
 
 
 class RunPlayer:
-    """A service whose drives are recorded."""
+    """A service whose drives are recorded runs."""
 
     def __init__(self, lab: Lab, pace: float = PACE) -> None:
         self._lab, self._pace = lab, pace
@@ -51,11 +51,11 @@ class RunPlayer:
         self._patience_s = 0.0  # until when a browser is waited for; 0 before the first run
 
     def put(self, what: "Path | Diagnostic | JsonObject | None") -> None:
-        """Play this run, show these gains, or tell this, after what waits; None: the end."""
+        """Queue a run to play, tuned gains to show, or a diagnostic to send; None ends the playback."""
         self._waiting.put_nowait(what)
 
     def say(self, do: str, **words: object) -> None:
-        """Take a word as a service does; what cannot be done with a recorded drive is refused."""
+        """Carry out a message as a service does. Raise UsageError for one that a recorded drive cannot follow."""
         if do == "pace":
             factor = words["factor"]
             if not isinstance(factor, int | float) or not SLOWEST <= factor <= FASTEST:
@@ -70,7 +70,7 @@ class RunPlayer:
         self._tell()
 
     async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
-        """Play what is put here, one after the other, until the end."""
+        """Play the queued entries one after the other, until None."""
         self._on_word = on_word
         self._tell()
         while (entry := await self._waiting.get()) is not None:
@@ -82,7 +82,7 @@ class RunPlayer:
                 on_word({"is": "event", "level": str(entry.severity), "said": entry})
 
     async def close(self) -> None:
-        """Nothing is to be ended."""
+        """Do nothing: a player holds no resources."""
 
     async def _play(self, path: Path) -> None:
         about, _ = await self._lab.ask("open", path=str(path))
@@ -133,7 +133,7 @@ class RunPlayer:
             await self._show({"screen": "identify"}, STAYS_S)
 
     async def _show(self, scene: "JsonObject", stays_s: float = 0.0) -> None:
-        """Show a screen; wait so long while somebody watches and the player is not paused."""
+        """Show a screen for `stays_s` seconds while a browser watches; a pause of the player does not count."""
         self._scene = scene
         self._tell()
         while stays_s > 0.0 and self.viewers():
@@ -141,7 +141,7 @@ class RunPlayer:
             stays_s -= 0.0 if self._paused else STEP_S
 
     async def _somebody(self) -> bool:
-        """Return True once somebody watches; False where nobody has come in time."""
+        """Return True once a browser watches, or False if none has connected within COMES_S."""
         self._patience_s = self._patience_s or time.monotonic() + COMES_S
         while not self.viewers() and time.monotonic() < self._patience_s:
             await asyncio.sleep(STEP_S)
@@ -169,7 +169,7 @@ class RunPlayer:
 
 
 def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
-    """Yield the rows of a frame."""
+    """Yield the rows of a frame as lists of numbers."""
     numbers = array("f", frame[HEAD.size :])
     if sys.byteorder == "big":
         numbers.byteswap()
@@ -178,7 +178,7 @@ def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
 
 
 async def play(folder: Path, pace: float, browser: bool) -> None:
-    """Serve a page of what comes on stdin until all of it was shown."""
+    """Serve a page of the entries that stdin delivers, until all of them have been shown."""
     from baqueano.web.run import PageOptions, show_vehicle
 
     lab = Lab()
@@ -209,7 +209,7 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
 
 
 def read(coming: BinaryIO, put: "Callable[[Path | Diagnostic | JsonObject | None], object]") -> None:
-    """Hand on each line of stdin; None at its end."""
+    """Pass on each line of stdin, and None at its end; skip malformed lines."""
     for line in coming:
         try:
             word = json.loads(line)

@@ -1,7 +1,7 @@
-"""Questions of browsers that a worker answers: laps and landscapes of gains, blocks, comparisons.
+"""Answer questions of browsers by lab workers: laps and cost landscapes of gains, blocks, comparisons.
 
-Of one kind of question of a browser the newest counts: an older one that still waits is answered `stale`. Laps go
-before what takes longer: a landscape is computed in pieces, and descents, checks and comparisons have their own worker.
+Only the newest question of each kind of a browser counts; an older one that still waits is answered `stale`. Laps go
+before longer jobs: a landscape is computed in segments, and descents, checks and comparisons have a separate worker.
 """
 
 import asyncio
@@ -29,8 +29,10 @@ LONGEST_NAME = 200  # letters of a name of a browser
 
 
 class Questions:
-    """The workers, and what they are asked. `source` is the vehicle that the page is about: {vehicle, routes} or
-    {path, routes}; None without one."""
+    """The workers, and the questions sent to them.
+
+    `source` returns the vehicle of the page, {vehicle, routes} or {path, routes}, or None without a vehicle file.
+    """
 
     def __init__(self, shelf: Shelf, source: "Callable[[], JsonObject | None]") -> None:
         self._shelf, self._source = shelf, source
@@ -44,7 +46,7 @@ class Questions:
         }  # fmt: skip
 
     def ask(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Answer a question when its worker can; the next word of this browser does not wait for that."""
+        """Start a task that answers a question; the next message of this browser does not wait for it."""
         question = str(word["what"])
         if question not in self.words:
             raise UsageError(fault("web.no-question", what=one_line(question)[:LONGEST_NAME]))
@@ -55,7 +57,7 @@ class Questions:
         task.add_done_callback(self._running.discard)
 
     async def close(self) -> None:
-        """End the workers."""
+        """End the workers and cancel the waiting questions."""
         for task in list(self._running):
             task.cancel()
         await asyncio.gather(*self._running, return_exceptions=True)
@@ -83,7 +85,7 @@ class Questions:
         return visitor.open and self._newest.get((visitor, word["what"])) == word.get("id")
 
     def about(self, word: "JsonObject") -> "JsonObject":
-        """Return what a question is about: a run of the list, or the page's vehicle. UsageError without one."""
+        """Return the subject of a question: a run of the list, or the page's vehicle. Raise UsageError without one."""
         if word.get("run"):
             paths = self._shelf.paths()
             if word["run"] not in paths:
@@ -109,7 +111,7 @@ class Questions:
         return reply
 
     async def _landscape(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        """A square of laps, row by row from below."""
+        """Return the costs of a square of laps, row by row from the bottom."""
         side = max(2, min(SIDE, int(word["side"])))
         at = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
         arguments = {name: word[name] for name in ("gains", "a", "b")} | self._bench_word(word)
@@ -127,7 +129,7 @@ class Questions:
         return reply
 
     async def write(self, visitor: Visitor, word: "JsonObject") -> Diagnostic:
-        """Write gains into the vehicle file of the page, and return that it is done."""
+        """Write gains into the vehicle file of the page, and return the confirmation."""
         arguments = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
         reply, _ = await self._bench.ask("write", **arguments)
         return note("web.tuned", file=reply["file"])
@@ -157,8 +159,10 @@ class Questions:
         return reply
 
     async def swap(self, room: str, kind: str) -> str:
-        """Let the next missions take another block; "" takes that of the file again. Return its kind. UsageError
-        for one that is not in the list of its room."""
+        """Use another block from the next mission on, "" for the block of the file; return its kind.
+
+        Raise UsageError if the room cannot be swapped, or the kind is not in its list.
+        """
         reply, _ = await self.slow.ask(
             "block", **self.about({}), room=room[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
         )
@@ -171,5 +175,5 @@ class Questions:
         return reply["kind"]
 
     def path_of(self, word: str) -> Path:
-        """Return the run of a word of the list."""
+        """Return the path of the run with this key in the list."""
         return Path(self.about({"run": word})["path"])

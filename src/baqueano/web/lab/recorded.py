@@ -1,8 +1,8 @@
-"""A recorded run for the page: rows of float32, one a tick, and what stands around them.
+"""Convert a recorded run for the page: rows of float32, one per tick, and a description of the run.
 
-cross      −(x − x_r) sin ψ_r + (y − y_r) cos ψ_r: how far the estimate is left of its reference         (1)
-progress   Σ |Δp_r|, the path of the reference so far                                                    (2)
-nis        y′ S⁻¹ y over the count of numbers that arrived                                               (3)
+cross      −(x − x_r) sin ψ_r + (y − y_r) cos ψ_r: offset of the estimate to the left of its reference   (1)
+progress   Σ |Δp_r|, the path length of the reference so far                                             (2)
+nis        y′ S⁻¹ y divided by the number of measured values that arrived                                (3)
 """
 
 import tomllib
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Log: TypeAlias = EstimateLog | ReferenceLog | TruthLog
 ROUTE_POINTS = 2000  # of a path that is drawn
 CLOSED_M = 0.3  # between the ends of a closed path
-ROUND = {"kind": "round", "length_m": 0.14, "width_m": 0.14}  # where nobody measured the body
+ROUND = {"kind": "round", "length_m": 0.14, "width_m": 0.14}  # if the body was not measured
 ETA, NU, P = ("x", "y", "psi"), ("u", "v", "r"), {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "psi": (2, 2)}
 UNITS = {
     "eta.x": "m", "eta.y": "m", "eta.psi": "rad", "nu.u": "m/s", "nu.v": "m/s", "nu.r": "rad/s",
@@ -41,7 +41,7 @@ class PackedRun:
     around: "JsonObject"  # name, vehicle, blocks, route, events
 
     def frame(self, number: int, first: int, count: int) -> bytes:
-        """Return the rows from `first` on as a binary frame (feed.py)."""
+        """Return up to `count` rows from row `first` on, as a binary frame (feed.py)."""
         rows = self.x[first : first + count]
         t0 = float(self.t_s[first]) if first < len(self.t_s) else 0.0
         head = np.array([number, len(rows)], "<u4").tobytes() + np.array([t0], "<f8").tobytes()
@@ -49,7 +49,7 @@ class PackedRun:
 
 
 def recorded(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
-    """Return a run as rows. `kinds` are the blocks of a file that names none, by room."""
+    """Return a run as rows. `kinds` gives the default block of each room, used if the file does not name one."""
     columns = _columns(run)
     data = _tables(run.vehicle_text)
     names, unit = _command(data, run.applied.shape[1])
@@ -101,7 +101,7 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
 
 
 def _poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
-    """Return the poses (N, 3) of a log at the ticks, NaN without one."""
+    """Return the poses (N, 3) of a log at the ticks, NaN without a log."""
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return poses_at(t_ns, log.t_ns, log.eta)
@@ -114,7 +114,7 @@ def _rates(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
 
 
 def _readings(run: Run) -> dict[str, np.ndarray]:
-    """Return what each number of each sensor read at a tick, what was expected, and the innovation with its sd."""
+    """Return per sensor channel and tick the reading, its prediction, and the innovation with its sd."""
     n = len(run.t_ns)
     names = [f"{name}[{k}]" for name, channel in run.sensors.items() for k in range(channel.z.shape[1])]
     z = np.full((n, len(names)), np.nan)
@@ -141,7 +141,7 @@ def _readings(run: Run) -> dict[str, np.ndarray]:
 
 
 def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
-    """Return unit and group of a column: what belongs into one strip has one group."""
+    """Return unit and group of a column; columns of one group share a plot."""
     first, _, rest = name.partition(".")
     if first in ("u", "asked"):
         return {"unit": unit, "group": commands[int(rest)]}
@@ -153,12 +153,12 @@ def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
 
 
 def _unit_of_reading(channel: str) -> str:
-    """Return the unit of a number of the IMU; the others have several."""
+    """Return the unit of an IMU channel, or "" for the channels of other sensors."""
     return {"imu[0]": "m/s²", "imu[1]": "m/s²", "imu[2]": "rad/s"}.get(channel, "")
 
 
 def _tables(vehicle_text: str) -> "JsonObject":
-    """Return the tables of the vehicle file in a run; nothing that it names is imported."""
+    """Return the tables of the vehicle file in a run, without importing the classes that it names."""
     try:
         return tomllib.loads(vehicle_text)
     except (tomllib.TOMLDecodeError, RecursionError):
@@ -179,7 +179,7 @@ def _command(data: "JsonObject", n: int) -> tuple[list[str], str]:
 
 
 def vehicle_of(data: "JsonObject", n: int, world: str = "recorded") -> "JsonObject":
-    """Return what the page shows of a vehicle with `n` commands, by the tables of its file."""
+    """Return the description of a vehicle with `n` commands for the page, from the tables of its file."""
     names, unit = _command(data, n)
     limit = _table(data, "command").get("limit")
     limits = limit if isinstance(limit, list) and len(limit) == n else [1.0] * n
@@ -217,7 +217,7 @@ def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
 
 
 def route_of(run: Run) -> "JsonObject | None":
-    """Return the path that was asked for, None of a run in which no guide asked."""
+    """Return the path of the reference, or None for a run without a moving reference."""
     target = run.guide_reference
     if target is None:
         return None
@@ -230,7 +230,7 @@ def route_of(run: Run) -> "JsonObject | None":
 
 
 def listed(run: Run, modified_s: float) -> "JsonObject":
-    """Return a line of the list of runs."""
+    """Return the entry of a run in the list of runs."""
     when = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
     return {
         "kind": run.metadata.get("kind", ""), "seconds": run.duration_s, "when": when, "laps": None,

@@ -1,6 +1,6 @@
-"""The runs of a folder for browsers: by words that only who may look has been given, never by a path.
+"""Offer the runs of a folder to browsers by keys, which only admitted visitors receive, never by a path.
 
-A word is a keyed hash of the file's name: it cannot be guessed from outside, and holds as long as the process.
+A key is a keyed hash of the path of the file: it cannot be guessed from outside, and is valid while the process runs.
 """
 
 import hashlib
@@ -20,8 +20,10 @@ NEWEST = 200  # runs of a list
 
 
 class Shelf:
-    """A folder of runs, and those that were named beside it. The list is read, and reports are written, by a
-    worker of its own, so that a run opens meanwhile."""
+    """A folder of runs, and the extra runs named in addition.
+
+    A separate worker reads the list and writes the reports, so that a run can be opened at the same time.
+    """
 
     def __init__(self, folder: Path, beside: tuple[Path, ...] = ()) -> None:
         self.folder, self._extra_runs = folder, beside
@@ -30,13 +32,13 @@ class Shelf:
         self._press, self._pages = Lab(), TemporaryDirectory(prefix="baqueano-page-")
 
     def word(self, path: Path) -> str:
-        """Return the word of a run."""
+        """Return the key of a run."""
         return hashlib.blake2b(
             str(path).encode("utf-8", "surrogateescape"), key=self._key, digest_size=12
         ).hexdigest()
 
     def paths(self) -> dict[str, Path]:
-        """Return the runs that are there, newest first, by word. Links lead nowhere."""
+        """Return the existing runs by key, newest first. Symbolic links in the folder are ignored."""
         candidates = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
         candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]
         candidates.sort(key=lambda path: path.stat().st_mtime, reverse=True)
@@ -44,24 +46,24 @@ class Shelf:
         return {self.word(path): path for path in files if path.is_file()}
 
     def runs(self) -> "list[JsonObject]":
-        """Return a line for each run, as far as it is known."""
+        """Return an entry for each run, with the fields known so far."""
         return [self.line(path) for path in self.paths().values()]
 
     def line(self, path: Path) -> "JsonObject":
-        """Return the line of a run, as far as it is known."""
+        """Return the entry of a run, with the fields known so far."""
         unread = {"kind": None, "when": None, "seconds": None, "laps": None, "report": True}
         word = self.word(path)
         return {"id": word, "name": path.stem} | unread | self._lines.get(word, {})
 
     async def read(self) -> "list[JsonObject]":
-        """Return all lines, once the worker has read the runs."""
+        """Return the entries of all runs, once the worker has read them."""
         paths = self.paths()
         reply, _ = await self._press.ask("runs", paths=[str(path) for path in paths.values()])
         self._lines = dict(zip(paths, reply["runs"], strict=True))
         return [self.line(path) for path in paths.values()]  # a run of meanwhile comes with the next list
 
     async def body(self, path: str) -> Content | None:
-        """Return what stands at /run/WORD or /report/WORD; None where nothing does."""
+        """Return the content of /run/KEY or /report/KEY, or None if the run does not exist or its report fails."""
         kind, _, word = path.removeprefix("/").partition("/")
         run_path = self.paths().get(word) if kind in ("run", "report") else None
         if run_path is None:

@@ -1,7 +1,7 @@
-"""The tuning bench of the lab worker: laps, the landscape of their cost, and the way downhill, by kept kernels.
+"""Tuning bench of the lab worker: laps, the landscape of their cost, and the descent, by stored compiled kernels.
 
-The vehicle is that of a file, or of a run; the route a stored one, that of the run, or a shape. A name that stands in
-no list of this process is refused.
+The vehicle comes from a file or a run. The route is a stored one, that of the run, or a shape. A name that is not in
+a list of this process is refused.
 """
 
 import time
@@ -42,7 +42,10 @@ class TuningBench:
         )
 
     def begin(self, word: "JsonObject") -> "JsonObject":
-        """Return the gains, their ranges, and the lap with those in force: {vehicle | path, routes, route, kind}."""
+        """Return the gains with their ranges and start values, the routes, and the path of the chosen route.
+
+        The request is {vehicle | path, routes, route, kind}.
+        """
         names = route_names(word)
         name = word.get("route") or names[0]
         file, route, laps = self._laps(word | {"route": name})
@@ -76,8 +79,10 @@ class TuningBench:
         return lap_picture(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
 
     def costs(self, word: "JsonObject") -> "JsonObject":
-        """Return both terms of the cost of laps, whose gains vary along two axes: {gains, a, b, at: [[x, y], …]}; x and
-        y are places in [0, 1] of the range of gains a and b (search.py)."""
+        """Return both terms of the cost of laps whose gains vary along two axes: {gains, a, b, at: [[x, y], …]}.
+
+        x and y are positions in [0, 1] within the ranges of gains a and b (search.py).
+        """
         _, _, laps = self._laps(word)
         search, base = laps.space, _values(word["gains"], laps)
         a, b = (search.names.index(word[axis]) for axis in "ab")
@@ -88,7 +93,10 @@ class TuningBench:
         return {"costs": _finite(laps.costs(each))}
 
     def downhill(self, word: "JsonObject") -> "JsonObject":
-        """Return the steps of a descent from `gains` at a `price` of jerks: places in [0, 1], gains, and costs."""
+        """Return the steps of a descent from `gains`: positions in [0, 1], gains, and costs.
+
+        `price` weights the jerk.
+        """
         _, _, laps = self._laps(word)
         price, search = max(0.0, float(word["price"])), laps.space
         began = time.perf_counter()
@@ -102,7 +110,10 @@ class TuningBench:
         }  # fmt: skip
 
     def write(self, word: "JsonObject") -> "JsonObject":
-        """Write gains into the vehicle file, whole or not at all; its name. UsageError for one of the garage."""
+        """Write gains into the vehicle file, all or none, and return its file name.
+
+        Raise UsageError for a vehicle of the garage.
+        """
         from baqueano.diagnostics import Verdict
         from baqueano.vehicle_file.history import Provenance
 
@@ -129,7 +140,7 @@ class TuningBench:
 
 
 def file_of(word: "JsonObject") -> "VehicleFile":
-    """Return the vehicle file that a question is about: that of a run at `path`, or the one named `vehicle`."""
+    """Return the vehicle file of a question: that of the run at `path`, or the one named `vehicle`."""
     from baqueano.drive.verbs import vehicle_of
     from baqueano.runs import read_run
     from baqueano.vehicle_file import load
@@ -138,7 +149,7 @@ def file_of(word: "JsonObject") -> "VehicleFile":
 
 
 def route_names(word: "JsonObject") -> list[str]:
-    """Return what can be followed: the route of the run, the stored ones, the shapes."""
+    """Return the names of the routes to follow: that of the run, the stored ones, the shapes."""
     names = sorted(_route_files(word))
     return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *names, *SHAPES]
 
@@ -161,7 +172,7 @@ def _route(word: "JsonObject") -> "Route":
 
 
 def _of_run(word: "JsonObject") -> "Route | None":
-    """Return the references of a run as a route, from its first one on; None of a run without them."""
+    """Return the references of a run as a route, from the first one on; None if they are missing or do not move."""
     from baqueano.guides.route import Route
     from baqueano.runs import read_run
     from baqueano.signals import seconds
@@ -177,7 +188,7 @@ def _of_run(word: "JsonObject") -> "Route | None":
 
 
 def lap_picture(lap: "SimulatedLap") -> "JsonObject":
-    """Return a lap as it is drawn."""
+    """Return a lap in the form in which the page draws it."""
     every = 1 + len(lap.x) // POINTS
     figures = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
     path, jerk, rms, most, full = (x if np.isfinite(x) else None for x in figures)
@@ -194,7 +205,10 @@ def _meanings(block: object) -> "list[tuple[str, str]]":
 
 
 def _values(numbers: object, laps: SimulatedLaps) -> np.ndarray:
-    """Return gains (p,) within their bounds. UsageError for anything else."""
+    """Return gains (p,), clipped to their bounds.
+
+    Raise UsageError for the wrong shape or numbers that are not finite.
+    """
     try:
         values = np.array(numbers, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -209,7 +223,7 @@ def _finite(costs: np.ndarray) -> "list[list[float | None]]":
 
 
 def _stamp(word: "JsonObject") -> tuple[object, ...]:
-    """Return what changes when the file of a vehicle or of a route does."""
+    """Return a key that changes if the file of the vehicle or of the route changes."""
     paths = [Path(str(word[name])) for name in ("vehicle", "path") if name in word]
     paths += [path for name, path in _route_files(word).items() if name == word.get("route")]
     return tuple((str(path), path.stat().st_mtime_ns if path.is_file() else 0) for path in paths)

@@ -1,9 +1,9 @@
-"""Lab worker: words on stdin, answers on stdout, one at a time. It ends with its stdin.
+"""Lab worker: read requests on stdin and write answers to stdout, one at a time. It ends when stdin ends.
 
 to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "compare" | …, …}
                    {"do": "tune" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
                    {"do": "block" | "check", …}                                     described_blocks.py
-from the worker    a line {…, "bytes": n} and n bytes behind it; {"no": diagnostic, "code": n, …}
+from the worker    a line {…, "bytes": n} followed by n bytes; {"no": diagnostic, "code": n, …}
 """
 
 import json
@@ -31,7 +31,7 @@ KEPT = 4  # runs that stay open
 
 
 class Worker:
-    """The open runs, and the words."""
+    """The open runs, and the handlers of the requests."""
 
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[str, int, str], PackedRun] = OrderedDict()
@@ -40,7 +40,7 @@ class Worker:
         self._bench: TuningBench | None = None
 
     def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """Return the answer to a word, and the bytes behind it."""
+        """Return the answer to a request, and the bytes that follow it."""
         words: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
             "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
             "vehicle": _vehicle, "mission": _mission, "compare": _compare, "block": _block, "check": _block,
@@ -61,7 +61,7 @@ class Worker:
         return words[word["do"]](word), b""
 
     def _find(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """The files of the runs of these names."""
+        """Return the files of the runs with these names."""
         from baqueano.runs.folder import find
 
         paths = [find(name, word["folder"]) for name in word["names"]]
@@ -78,7 +78,7 @@ class Worker:
         return {}, run.frame(word["number"], word["first"], word["count"])
 
     def _recording(self, path: Path, estimator: str = "") -> "PackedRun":
-        """A run, read when it is asked for first or has changed; or its ticks through another estimator."""
+        """Return a run, read again if it has changed; with `estimator`, its ticks replayed through that estimator."""
         from baqueano.runs import read_run
         from baqueano.vehicle_file.build import DEFAULT_KIND
         from baqueano.web.lab.recorded import recorded
@@ -93,7 +93,7 @@ class Worker:
         return self._open[key]
 
     def _runs(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """A line for each of these files; another file has its fault in words."""
+        """Return an entry for each of these files; a file that cannot be read gets the verdict UNREADABLE."""
         from baqueano.runs import read_run
         from baqueano.web.lab.recorded import listed
 
@@ -119,7 +119,7 @@ class Worker:
 
 
 def _refilter(run: "Run", estimator: str) -> "Run":
-    """Return the ticks of a run through an estimator of ours, or of the folder in which the page was started."""
+    """Return a run replayed through another estimator: a built-in one, or a class of the user's folder."""
     from dataclasses import replace
 
     from baqueano.drive import replay
@@ -159,7 +159,7 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
 
 
 def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
-    """Return what the page says of a real vehicle before its first drive, by its file here; and the routes here."""
+    """Return the description of a real vehicle before its first drive, from its local file, and the local routes."""
     from baqueano.door.frames.descriptions import vehicle_words
     from baqueano.vehicle_file import load
 
@@ -200,7 +200,7 @@ def _version(path: Path) -> tuple[str, int]:
 
 
 def serve(coming: BinaryIO, going: BinaryIO) -> None:
-    """Answer words until there are no more."""
+    """Answer requests until the input ends."""
     worker = Worker()
     for line in coming:
         word = json.loads(line)

@@ -1,4 +1,4 @@
-"""Faults of a simulated world: what may happen to a vehicle, when, and who noticed it."""
+"""Faults of a simulated world: their kinds, their times, and the checks that noticed them."""
 
 from typing import TYPE_CHECKING
 

@@ -1,7 +1,7 @@
-"""Faults → the inputs of a tick: forces, floor, voltage, grip and readings, as plain numbers.
+"""Convert faults to the inputs of a tick: forces, floor, voltage, grip and readings, as plain numbers.
 
-The inputs of tick k are a function of the faults, k and the seed alone. Every random number has its place in a stream
-by k, drawn whether a fault uses it or not: a fault that is taken away changes no other.
+The inputs of tick k depend only on the faults, k and the seed. Every random number has its place in a stream by k, and
+is drawn even if no fault uses it, so that removing a fault does not change another one.
 """
 
 from collections.abc import Sequence
@@ -43,19 +43,19 @@ class Disturbance(NamedTuple):
 
 
 class Calm(NamedTuple):
-    """The sizes that a disturbance has, and the random numbers of a tick without one."""
+    """The sizes of a disturbance, from which that of an undisturbed tick is built."""
 
     channels: int
     sizes: tuple[int, ...]
 
     def disturbance(self) -> Disturbance:
-        """Return the inputs of a tick in which nothing happens."""
+        """Return the inputs of a tick without faults."""
         sensors = tuple(SensorDisturbance(1.0, np.ones(m), np.zeros(m)) for m in self.sizes)
         return Disturbance(np.zeros(2), np.zeros(2), np.zeros(2), 1.0, np.ones(self.channels), sensors)
 
 
 class Shaking:
-    """The faults of one world and what they do, tick by tick."""
+    """The faults of one world and their effect, tick by tick."""
 
     def __init__(self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float, seed: int) -> None:
         self.names, self._sensors, self._rate_hz = sensors._fields, sensors, rate_hz
@@ -69,7 +69,7 @@ class Shaking:
         self._draws: list[np.ndarray] = []
 
     def check(self, one: Fault) -> Fault:
-        """Return the fault. UsageError where this vehicle cannot have it."""
+        """Return the fault. Raise UsageError if this vehicle cannot have it."""
         if one.kind in ("push", "tilt") and not self._moves:
             raise UsageError(fault("shake.no-inertia", kind=one.kind))
         if one.kind == "push" and not self._mass_kg:
@@ -86,17 +86,17 @@ class Shaking:
         return one
 
     def first(self, one: Fault) -> int:
-        """Return the number of the first tick that feels it."""
+        """Return the number of the first tick that the fault affects."""
         return round(one.at_s * self._rate_hz)
 
     def last(self, one: Fault) -> float:
-        """Return the number of the first tick that feels it no more."""
+        """Return the number of the first tick after the fault."""
         if one.until_s == float("inf"):
             return float("inf")
         return max(self.first(one) + 1, round(one.until_s * self._rate_hz))
 
     def inputs(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
-        """Return the inputs of tick k, and whether the command of before it arrives."""
+        """Return the inputs of tick k, and True if the command of the previous tick arrives."""
         chance, spikes = self._random(k)
         active = [fault_ for fault_ in faults if self.first(fault_) <= k < self.last(fault_)]
         if not active:
@@ -148,7 +148,7 @@ class Shaking:
         return self.names.index(name), int(rest[:-1])
 
     def _random(self, k: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the uniform numbers of tick k: (1 + sensors,) of the line, (m, 2) of the spikes of each sensor."""
+        """Return the uniform random numbers of tick k: (1 + sensors,) of the line, (m, 2) per sensor for spikes."""
         if k % BATCH == 0:
             self._draws = [self._line.random((BATCH, 1 + len(self.names)))]
             pairs = zip(self._spikes, self.calm.sizes, strict=True)

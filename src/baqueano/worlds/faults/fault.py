@@ -1,16 +1,16 @@
-"""Faults: numbers that say what happens to a simulated vehicle, from when on, and for how long.
+"""Define the faults of a simulated vehicle: the kind, its numbers, its begin and its duration.
 
-    push     x, y [N s]   impulse at the centre of mass, in the frame "body" (x ahead, y left) or "map"; in PUSH_S
-    tilt     x, y [rad]   rise of the floor towards x and y of the map, beside that of the vehicle file
-    cut      of           a sensor, "imu", that gives no sample
-    drift    of, size     a channel, "imu[2]", whose zero moves by `size` in its own unit, evenly within DRIFT_S
-    spikes   of, size     a channel, of which the part `part` of the samples is off by ± `size` in its own unit
-    slip     of, part     a wheel, left, right or all, that pushes with this part of its force; its own sensor reads
-                          AHEAD times the way that it rolled
-    sag      part         the battery gives this part of its voltage
-    lose     part         of the frames that are lost on the line: readings that come, commands that go
+  push     x, y [N s]   impulse at the centre of mass, in the frame "body" (x ahead, y left) or "map"; in PUSH_S
+  tilt     x, y [rad]   rise of the floor towards x and y of the map, in addition to that of the vehicle file
+  cut      of           a sensor, "imu", that gives no sample
+  drift    of, size     a channel, "imu[2]", whose zero moves by `size` in its own unit, evenly within DRIFT_S
+  spikes   of, size     a channel, in which the share `part` of the samples is wrong by ± `size` in its own unit
+  slip     of, part     a wheel, left, right or all, that pushes with this part of its force; its own sensor reads
+                         AHEAD times the distance that it rolled
+  sag      part         the battery gives this part of its voltage
+  lose     part         share of the frames that are lost on the line: incoming readings, outgoing commands
 
-A fault is written in words too: "12 s: push 0.3 N s left" (text.py).
+A fault can also be written as text: "12 s: push 0.3 N s left" (text.py).
 """
 
 from collections.abc import Iterable, Mapping
@@ -50,21 +50,21 @@ class Fault:
     Parameters
     ----------
     kind : str
-        One of push, tilt, cut, drift, spikes, slip, sag, lose; the module says which fields count for it.
+        One of push, tilt, cut, drift, spikes, slip, sag, lose; the module lists the fields that count for each.
     at_s : float [s]
-        Time of the drive at which it begins; the tick that begins there is the first that feels it.
+        Time of the drive at which it begins; the tick that begins there is the first affected one.
     for_s : float, optional [s]
-        For how long; to the end of the drive if it is left out. A push lasts PUSH_S.
+        Duration; until the end of the drive if omitted. A push lasts PUSH_S.
     of : str
         The sensor, channel or wheel.
     x, y : float [N s] or [rad]
-        Of a push or a tilt.
+        Components of a push or a tilt.
     size : float [unit of the channel]
-        Of a drift or of spikes.
+        Size of a drift or of spikes.
     part : float [1]
         Part of samples, of force, of voltage or of frames.
     frame : str
-        Of a push: "body" or "map".
+        Frame of a push: "body" or "map".
 
     Examples
     --------
@@ -105,11 +105,11 @@ class Fault:
         return float("inf") if self.for_s is None else self.at_s + self.for_s
 
     def to_json(self) -> JsonObject:
-        """Return its fields."""
+        """Return the fields of the fault by name."""
         return asdict(self)
 
     def message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
-        """Return its message, which holds all of its numbers; `psi_rad` is the heading of the vehicle."""
+        """Return the message of the fault, with all its numbers; `psi_rad` is the heading of the vehicle."""
         much, toward = hypot(self.x, self.y), atan2(self.y, self.x)
         if self.kind == "push" and self.frame == "map":
             toward -= psi_rad
@@ -127,12 +127,12 @@ class Fault:
 
     @classmethod
     def of_diagnostic(cls, message: Diagnostic) -> Self:
-        """Return the fault that a message shows."""
+        """Return the fault that a message describes."""
         return cls(**{field.name: message.figures[field.name] for field in fields(cls)})
 
     @classmethod
     def of_words(cls, words: FaultLike) -> Self:
-        """Return the fault that a text, or a mapping of its fields, asks for."""
+        """Return the fault of a text, or of a mapping of its fields. Raise UsageError if it is invalid."""
         from baqueano.worlds.faults.text import fields_of
 
         if isinstance(words, cls):
@@ -152,8 +152,10 @@ class Fault:
 
 
 def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:
-    """Return the faults that the events of a run show, (time [ns], source, message) each, in their order: what was
-    ended by a person lasts until then."""
+    """Return the faults in the events of a run, (time [ns], source, message) each, in their order.
+
+    A fault that a person ended lasts until then.
+    """
     by_number: dict[int, Fault] = {}
     for _, source, message in events:
         if source != SOURCE or message is None:

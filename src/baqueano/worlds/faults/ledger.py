@@ -1,14 +1,14 @@
-"""The ledger of a drive: each fault, who noticed it, when; and who could not, and why.
+"""Ledger of a drive: for each fault the checks that noticed it and when, those that did not, and the reason.
 
-    monitor      names a sensor that disagrees (monitor/)
-    model        the model fits no longer, over 5 s (drive/health.py)
-    supervisor   stops the vehicle
-    gate         the estimator gave less than half a weight to GATED innovations within WINDOW_S
-    nis          Σ yᵀS⁻¹y over WINDOW_S lies above what k numbers reach by chance once in 10⁴ windows:
-                 k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and above RATIO times what it was before      (1)
+  monitor      names a sensor that disagrees (monitor/)
+  model        the model no longer fits, over 5 s (drive/health.py)
+  supervisor   stops the vehicle
+  gate         the estimator gave less than half the weight to GATED innovations within WINDOW_S
+  nis          Σ yᵀS⁻¹y over WINDOW_S exceeds the value that k numbers reach by chance once in 10⁴ windows:
+               k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and RATIO times its previous value      (1)
 
-What is noticed belongs to the last fault that began, or to the one of the sensor that the monitor names. A fault that
-is over is watched for AFTER_S more.
+A notice belongs to the last fault that began, or to the fault of the sensor that the monitor names. A fault that has
+ended is watched for AFTER_S more.
 """
 
 from collections import deque
@@ -35,21 +35,21 @@ OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
 AFTER_S, WINDOW_S, BEFORE_S = 2.0, 1.0, 5.0
 GATED, Z, RATIO = 3, 3.72, 1.3
 FEWEST = 6  # numbers in a window
-SOON_S = 1.0  # of a fault: before, nobody could be said not to have noticed
+SOON_S = 1.0  # of a fault: earlier, a missing notice proves nothing
 WHEELS = ("wheels", "encoders", "odometer")
 
 
 class LedgerNotice(NamedTuple):
-    """One who noticed a fault."""
+    """A check that noticed a fault, with the delay and its message."""
 
-    who: str  # of WITNESSES
+    witness: str  # one of WITNESSES
     after_s: float
     message: Diagnostic
 
 
 @dataclass
 class LedgerRow:
-    """A fault and its witnesses."""
+    """A fault and the checks that noticed it."""
 
     number: int
     fault: Fault
@@ -57,29 +57,29 @@ class LedgerRow:
     until_s: float
     noticed: list[LedgerNotice] = field(default_factory=list)
     worst_nis: float = float("nan")  # mean over a window, while it lasted
-    error_m: float = float("nan")  # of the estimate at the end of what was watched
+    error_m: float = float("nan")  # of the estimate at the end of the watched time
     bound_m: float = float("nan")  # 1.96 standard deviations then
 
     def watched(self, t_s: float) -> bool:
-        """Return True while what is noticed may be of this fault."""
+        """Return True while a notice may belong to this fault."""
         return self.fault.at_s <= t_s <= self.until_s + AFTER_S
 
     def silent(self) -> tuple[str, ...]:
-        """Return the witnesses that did not notice it."""
+        """Return the checks that did not notice the fault."""
         return tuple(
-            witness for witness in WITNESSES if witness not in [notice.who for notice in self.noticed]
+            witness for witness in WITNESSES if witness not in [notice.witness for notice in self.noticed]
         )
 
 
 class Ledger:
-    """The faults of one drive and who noticed them, fed with its events and its ticks in their order.
+    """The faults of one drive and the checks that noticed them, filled from its events and ticks in order.
 
     Parameters
     ----------
     file : VehicleFile
         The vehicle that drives.
     estimator : Estimator, optional
-        The one of the drive, else the file's.
+        The estimator of the drive; by default the file's.
 
     Examples
     --------
@@ -87,7 +87,7 @@ class Ledger:
     >>> robot = bq.load("small")
     >>> u = np.tile([0.6, 0.0, 0.1], (500, 1))
     >>> run = experiment(robot, u, shake=["2-4 s: cut imu"])
-    >>> [(row.fault.kind, [fault.who for one in row.noticed]) for row in ledger_of(run, robot).rows]
+    >>> [(row.fault.kind, [notice.witness for notice in row.noticed]) for row in ledger_of(run, robot).rows]
     [('cut', ['supervisor'])]
     """
 
@@ -104,21 +104,21 @@ class Ledger:
         self._before: deque[tuple[float, float]] = deque()  # means of the windows, each WINDOW_S
         self._refusals_s: deque[float] = deque()
 
-    def happened(self, t_ns: int, source: str, what: "Diagnostic | str") -> None:
-        """Take an event of the run."""
-        if not isinstance(what, Diagnostic):
+    def on_event(self, t_ns: int, source: str, event: "Diagnostic | str") -> None:
+        """Record an event of the run."""
+        if not isinstance(event, Diagnostic):
             return
         t_s = seconds(t_ns)
         if source == SOURCE:
-            self._take_fault(what)
-        elif (witness := OF_SOURCE.get(source)) is not None and what.code != "sensor.agrees-again":
-            self._add_notice(witness, t_s, what)
+            self._take_fault(event)
+        elif (witness := OF_SOURCE.get(source)) is not None and event.code != "sensor.agrees-again":
+            self._add_notice(witness, t_s, event)
 
     def look(
         self, t_ns: int, y: np.ndarray | None, S: np.ndarray | None, weight: np.ndarray | None,
         eta: np.ndarray, cov: np.ndarray, truth: np.ndarray | None,
     ) -> None:  # fmt: skip
-        """Take the estimate of a tick, and the true pose (3,) where it is known."""
+        """Record the estimate of a tick, and the true pose (3,) if it is known."""
         self.now_s = t_s = seconds(t_ns)
         self._square(t_s, y, S)
         if weight is not None and self.rows:
@@ -130,7 +130,7 @@ class Ledger:
                 row.bound_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
 
     def nobody(self, row: LedgerRow) -> Diagnostic | None:
-        """Return why nobody has noticed a fault; None where somebody has, or it is too early to tell."""
+        """Return the reason why no check has noticed a fault, or None if one has, or it is too early to decide."""
         lasted_s = min(self.now_s, row.until_s + AFTER_S) - row.fault.at_s
         if row.noticed or lasted_s < SOON_S:
             return None
@@ -141,7 +141,7 @@ class Ledger:
         return note("ledger.nobody", subject="nobody", **figures)
 
     def reason_unnoticed(self, fault: Fault) -> Diagnostic:
-        """Return what keeps the witnesses from noticing a fault of this kind, with these sensors."""
+        """Return the reason why the checks cannot notice a fault of this kind with these sensors."""
         wheels = any(reads in WHEELS for reads in self._reads.values())
         code = fault.kind
         if (
@@ -149,7 +149,7 @@ class Ledger:
             and fault.kind in OF_CHANNEL
             and fault.of not in self._used_channels
         ):
-            return note("ledger.reason-unused", subject=fault.of)
+            return note("ledger.why-unused", subject=fault.of)
         if fault.kind == "slip" and wheels:
             code = "slip-wheels"
         if fault.kind == "tilt" and self._sees_pose:
@@ -157,7 +157,7 @@ class Ledger:
         if fault.kind == "drift":
             other_sensors = [name for name in self._reads if name != fault.of.partition("[")[0]]
             code = "drift-others" if other_sensors else "drift"
-        return note(f"ledger.reason-{code}", subject=fault.of or fault.kind)
+        return note(f"ledger.why-{code}", subject=fault.of or fault.kind)
 
     def _take_fault(self, message: Diagnostic) -> None:
         number = int(message.figures["number"])
@@ -168,7 +168,7 @@ class Ledger:
         fault_ = Fault.of_diagnostic(message)
         self._before = deque(pair for pair in self._before if pair[0] >= fault_.at_s - BEFORE_S)
         self.rows.append(LedgerRow(number, fault_, message, fault_.until_s))
-        self._window.clear()  # what an earlier fault left there is not of this one
+        self._window.clear()  # the entries of an earlier fault do not belong to this one
         self._refusals_s.clear()
         self._sum, self._count = 0.0, 0
 
@@ -180,7 +180,7 @@ class Ledger:
         own = [row for row in watched_rows if row.fault.kind in (*OF_CHANNEL, *OF_SENSOR)
                and row.fault.of.partition("[")[0] == name]  # fmt: skip
         row = (own if witness == "monitor" and own else watched_rows)[-1]
-        if witness not in [notice.who for notice in row.noticed]:
+        if witness not in [notice.witness for notice in row.noticed]:
             row.noticed.append(LedgerNotice(witness, t_s - row.fault.at_s, message))
 
     def _gate(self, t_s: float, weight: np.ndarray) -> None:
@@ -194,13 +194,13 @@ class Ledger:
             )
 
     def _channels(self, m: int) -> set[str] | None:
-        """Return the channels of m innovations; None where that is not known."""
+        """Return the channels of m innovations, or None if they are unknown."""
         at = innovations_of(self._estimator, self._sensors, m)
         names = [f"{n}[{c}]" for n, s in self._sensors._asdict().items() for c in range(s.size)]
         return None if at is None else {names[c] for c in at}
 
     def _square(self, t_s: float, y: np.ndarray | None, S: np.ndarray | None) -> None:
-        """Add the innovations of a tick to the window, and judge it.  (1)"""
+        """Add the innovations of a tick to the window, and test it.  (1)"""
         if y is not None and self._used_channels is None and self._count == 0:
             self._used_channels = self._channels(len(y))
         if y is not None and S is not None and (finite := np.isfinite(y)).any():
@@ -232,7 +232,8 @@ class Ledger:
 def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
     """Return the ledger of a recorded run.
 
-    A run does not hold the weights of its innovations: what the gate noticed stands in the ledger of the drive alone.
+    A run does not contain the weights of its innovations, so only the ledger made during the drive has the notices of
+    the gate.
 
     Parameters
     ----------
@@ -257,7 +258,7 @@ def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
     at = 0
     for k, t_ns in enumerate([] if log is None else log.t_ns):
         while at < len(events) and events[at].t_ns <= t_ns:
-            ledger.happened(events[at].t_ns, events[at].source, events[at].diagnostic or "")
+            ledger.on_event(events[at].t_ns, events[at].source, events[at].diagnostic or "")
             at += 1
         assert log is not None
         y = None if log.innovation is None else log.innovation[k]
@@ -265,5 +266,5 @@ def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
         true_pose = None if truth is None or k >= len(truth.eta) else truth.eta[k]
         ledger.look(int(t_ns), y, S, None, log.eta[k], log.cov[k], true_pose)
     for event in events[at:]:
-        ledger.happened(event.t_ns, event.source, event.diagnostic or "")
+        ledger.on_event(event.t_ns, event.source, event.diagnostic or "")
     return ledger

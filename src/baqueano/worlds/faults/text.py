@@ -1,15 +1,15 @@
-"""A fault in words, as a person types it: `12 s: push 0.3 N s left`, `3-6 s: cut imu`.
+"""Parse a fault as a person types it: `12 s: push 0.3 N s left`, `3-6 s: cut imu`.
 
-    T s: push 0.3 N s ahead | back | left | right
-    T s: tilt 2 deg, or 2 deg towards 90 deg            0 deg is x of the map, 90 deg is y
-    T s: cut imu
-    T s: drift imu[2] 0.05
-    T s: spikes imu[0] 50, 1 %
-    T s: slip left 30 %                                 left, right or all wheels push with 30 % of their force
-    T s: sag 84 %                                       of the voltage
-    T s: lose 30 %                                      of the frames
+  T s: push 0.3 N s ahead | back | left | right
+  T s: tilt 2 deg, or 2 deg towards 90 deg            0 deg is x of the map, 90 deg is y
+  T s: cut imu
+  T s: drift imu[2] 0.05
+  T s: spikes imu[0] 50, 1 %
+  T s: slip left 30 %                                 left, right or all wheels push with 30 % of their force
+  T s: sag 84 %                                       of the voltage
+  T s: lose 30 %                                      of the frames
 
-T is the time at which it begins, or 3-6 for what ends by itself.
+T is the time at which it begins, or a range such as 3-6 for a fault that ends by itself.
 """
 
 import re
@@ -35,7 +35,7 @@ FORMS = {
 
 
 def fields_of(words: str) -> JsonObject:
-    """Return the fields of the fault. UsageError for other words."""
+    """Return the fields of the fault. Raise UsageError for a text that is not a fault."""
     when = WHEN.fullmatch(words)
     form, example = FORMS.get(when[3] if when else "", (None, ""))
     if when is None or form is None:
