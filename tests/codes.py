@@ -1,4 +1,4 @@
-"""Errors, asserted by their code and figures: their sentences stand in messages.golden."""
+"""Assert errors by their code and figures; their sentences are in messages.golden."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from baqueano.errors import DiagnosticError
 
 
 def of_code(code: str, **figures: Any) -> Callable[[Any], bool]:
-    """Return a check of an error: it says this very code, with these figures among others."""
+    """Return a check that an error has exactly this code and at least these figures."""
     return lambda error: error.diagnostic.code == code and figures.items() <= error.diagnostic.figures.items()
 
 

@@ -75,7 +75,7 @@ def laptop(tmp_path: Path):
     return run
 
 
-def test_the_modules_are_really_gone(laptop):
+def test_the_posix_modules_are_unavailable_on_such_a_laptop(laptop):
     code = "import importlib.util, os, sys; print([m for m in sys.modules if sys.modules[m] is None])"
     site = laptop.home.parent / "site"
     process = subprocess.run(
@@ -88,7 +88,7 @@ def test_the_modules_are_really_gone(laptop):
     assert "fcntl" in process.stdout
 
 
-def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
+def test_the_commands_of_the_demo_run_on_such_a_laptop(laptop):
     """Experiment, identify, teach, repeat, replay, report, in a project of one's own."""
 
     def reply(*args: str) -> dict:
@@ -113,7 +113,7 @@ def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
 
 
 @pytest.mark.long
-def test_the_demo_runs_whole_on_such_a_laptop(laptop):
+def test_the_complete_demo_runs_on_such_a_laptop(laptop):
     reply = json.loads(laptop("demo", "--json").stdout.decode("cp1252"))
     assert reply["verdict"] == "USABLE"
     assert "https://" not in (laptop.home / "demo" / "report.html").read_text(encoding="utf-8")
@@ -175,13 +175,13 @@ def test_errors_are_one_paragraph_on_such_a_laptop(laptop):
         ("O'Hi$ggins", "'O''Hi$ggins'"),
     ],
 )
-def test_a_line_to_type_is_one_of_powershell(monkeypatch, word, typed_there):
+def test_advised_command_lines_are_quoted_for_powershell(monkeypatch, word, typed_there):
     monkeypatch.setattr("baqueano.printable.os.name", "nt")
     assert typed("report", word) == f"baqueano report {typed_there}"
 
 
-def test_the_tests_that_others_run_can_be_read_without_posix(laptop):
-    """Only what needs POSIX may ask for it: the fast part, which Windows and macOS run, does not."""
+def test_the_fast_tests_can_be_collected_without_posix(laptop):
+    """Only slow tests may need POSIX: Windows and macOS run the fast part."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", "--collect-only"],
         cwd=ROOT,
@@ -196,8 +196,8 @@ def test_the_tests_that_others_run_can_be_read_without_posix(laptop):
     assert done.returncode == 0, done.stdout.decode("cp1252", "replace")[-3000:]
 
 
-def test_a_file_of_ours_says_its_encoding_and_does_not_name_posix_modules_at_import():
-    """Windows reads text as cp1252 where nothing is said; modules of POSIX are imported where they are used."""
+def test_source_files_state_encodings_and_import_no_posix_module():
+    """Windows reads text as cp1252 by default; POSIX modules are imported inside the functions that use them."""
     on_board = (
         ROOT / "src/baqueano/robot/imu",
         ROOT / "src/baqueano/robot/service",
@@ -241,7 +241,7 @@ def workflow():
     )
 
 
-def test_the_public_service_tests_three_systems_and_both_ends_of_python():
+def test_the_public_workflow_tests_three_systems_and_two_python_versions():
     file = workflow()
     assert set(file["on"]) == {"push", "pull_request"}
     assert file["permissions"] == {"contents": "read"}
@@ -257,7 +257,7 @@ def test_the_public_service_tests_three_systems_and_both_ends_of_python():
     assert all(job["strategy"]["matrix"]["python"] == ends for job in (fast, file["jobs"]["all"]))
 
 
-def test_each_line_of_the_public_service_is_one_of_this_repository():
+def test_each_command_of_the_public_workflow_exists_in_this_repository():
     file = workflow()
     targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     for job in file["jobs"].values():

@@ -53,7 +53,7 @@ def refuse_constant(number: str) -> float:
 
 
 @pytest.mark.parametrize("name", with_function("benches"))
-def test_a_benchmark_ends_well_and_each_of_its_rows_holds_finite_numbers(name):
+def test_a_benchmark_succeeds_with_finite_numbers_in_each_row(name):
     printed, tables = run_module("benchmarks", name, "--json")
     rows = json.loads(printed, parse_constant=refuse_constant)["rows"]
     assert rows or "left out. Type: " in tables
@@ -62,20 +62,20 @@ def test_a_benchmark_ends_well_and_each_of_its_rows_holds_finite_numbers(name):
 
 
 @pytest.mark.parametrize("name", with_function("benches"))
-def test_nothing_of_a_benchmark_is_left_out(name):
+def test_no_part_of_a_benchmark_is_left_out(name):
     _, tables = run_module("benchmarks", name, "--json")
     if left_out := [line for line in tables.splitlines() if "left out. Type: " in line]:
         pytest.skip("; ".join(left_out))
 
 
 @pytest.mark.parametrize("name", with_function("main"))
-def test_a_table_is_printed_to_its_end_in_finite_numbers(name):
+def test_a_benchmark_table_is_printed_with_finite_numbers(name):
     printed, _ = run_module(f"benchmarks.{name}")
     assert re.search(r"\d", printed)
     assert not re.search(r"\b(nan|inf)", printed), printed
 
 
-def test_each_module_is_a_benchmark_of_a_command_or_is_imported_by_one():
+def test_each_benchmark_module_is_a_command_or_is_imported():
     assert sorted(BENCHES) == with_function("benches")
     texts = {name: ast.unparse(tree) for name, tree in TREES.items()}
     for name in set(TREES) - set(with_function("benches")) - set(with_function("main")):

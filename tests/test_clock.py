@@ -15,7 +15,7 @@ def test_a_simulated_clock_ends_each_tick_on_a_whole_nanosecond():
     assert thirds == [333_333_333, 666_666_667, 1_000_000_000]
 
 
-def test_without_a_duration_it_goes_on_for_ever():
+def test_a_clock_without_a_duration_is_endless():
     ticking = clock.simulated(100.0)
     assert [next(ticking) for _ in range(500)][-1] == 5_000_000_000
 
@@ -51,7 +51,7 @@ class FakeTime:
         ([300, 1, 1, 1], [10, 310, 320, 330], 29),
     ],
 )
-def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, misses):
+def test_rt1_a_late_loop_skips_and_counts_ticks(work_ms, ticks_ms, misses):
     fake, tick_times = FakeTime(), []
     wall = clock.Wall(100.0, None, now_ns=fake.now, sleep=fake.sleep)
     for t_ns, work in zip(wall, work_ms, strict=False):
@@ -63,7 +63,7 @@ def test_rt1_a_late_loop_skips_ticks_and_counts_them(work_ms, ticks_ms, misses):
     assert wall.missed == misses
 
 
-def test_the_real_wall_keeps_its_rate():
+def test_the_real_time_clock_has_its_rate():
     wall, start_ns = clock.wall(200.0, 0.05), time.monotonic_ns()
     times = list(wall)
     took = time.monotonic_ns() - start_ns  # on a busy machine longer, by ticks that are missed
@@ -71,7 +71,7 @@ def test_the_real_wall_keeps_its_rate():
     assert all(step % 5_000_000 == 0 and step > 0 for step in np.diff(times))
 
 
-def test_rt11_the_wall_is_the_clock_that_nobody_sets():
+def test_rt11_the_real_time_clock_is_monotonic():
     before, now, after = time.monotonic_ns(), clock.wall(100.0).now_ns(), time.monotonic_ns()
     assert before <= now <= after
     assert not time.get_clock_info("monotonic").adjustable

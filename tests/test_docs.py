@@ -1,4 +1,4 @@
-"""What the documents say is what the code does."""
+"""The documents agree with the code."""
 
 import ast
 import os
@@ -20,7 +20,7 @@ DRAWINGS = ("path", "errors", "speed", "commands", "sensors", "estimates", "data
 @pytest.mark.parametrize(
     ("language", "page"), [("en", "docs/vehicle-file.md"), ("es", "docs/es/vehicle-file.md")]
 )
-def test_reference_of_the_vehicle_file_is_the_one_the_code_gives(language, page):
+def test_the_reference_of_the_vehicle_file_is_current(language, page):
     """To renew both pages: `make golden`, and read the diff."""
     with within(language):
         table = reference_table()
@@ -29,7 +29,7 @@ def test_reference_of_the_vehicle_file_is_the_one_the_code_gives(language, page)
     assert (ROOT / page).read_text(encoding="utf-8") == table, "type: make golden, and read the diff"
 
 
-def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monkeypatch, capsys):
+def test_the_ten_lines_of_the_readme_run_and_print_the_fit(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     lines = (
@@ -54,7 +54,7 @@ def test_both_languages_show_the_same_code(name):
     assert english == spanish, "only comments are translated"
 
 
-def test_the_page_on_python_runs_from_its_first_line_to_its_last(tmp_path, monkeypatch, capsys):
+def test_the_code_of_the_page_on_python_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = "docs/python.md"
     exec(compile("\n".join(code_of(page)), page, "exec"), {"__name__": "page"})
@@ -81,7 +81,7 @@ def test_the_code_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("page", ["docs/python.md", "docs/es/python.md"])
-def test_the_page_on_python_names_every_name_and_every_drawing(page):
+def test_the_page_on_python_lists_every_public_name_and_plot(page):
     text = (ROOT / page).read_text(encoding="utf-8")
     assert {name for name in bq.__all__ if f"`{name}`" not in text} == set()
     assert {name for name in DRAWINGS if f"`{name}`" not in text} == set()
@@ -124,7 +124,7 @@ PAGES = (
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_names_only_verbs_and_options_that_exist(page):
+def test_a_page_names_only_existing_commands_and_options(page):
     verbs = {name: command_of(name) for name in VERBS}
     options = options_of(baqueano).union(*map(options_of, verbs.values()))
     text = (ROOT / page).read_text(encoding="utf-8")
@@ -143,7 +143,7 @@ def test_a_page_names_only_verbs_and_options_that_exist(page):
 
 
 @pytest.mark.parametrize(("page", "heading"), [("page.md", "## Security"), ("es/page.md", "## Seguridad")])
-def test_each_row_of_the_security_of_the_page_names_tests_that_exist(page, heading):
+def test_each_security_row_of_the_page_names_existing_tests(page, heading):
     text = (ROOT / "docs" / page).read_text(encoding="utf-8").partition(heading)[2]
     rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
     assert len(rows) >= 16
@@ -156,7 +156,7 @@ def test_each_row_of_the_security_of_the_page_names_tests_that_exist(page, headi
         assert {name for name in names if f"def {name}(" not in tests} == set()
 
 
-def test_every_erratum_that_the_code_names_is_reported():
+def test_every_erratum_named_in_the_code_is_listed_in_the_errata():
     known_errata = set(
         re.findall(r"^\| (\d+) \|", (ROOT / "docs/errata.md").read_text(encoding="utf-8"), re.MULTILINE)
     )
@@ -175,7 +175,7 @@ def anchors(page):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_the_links_of_a_page_lead_somewhere(page):
+def test_every_link_of_a_page_has_an_existing_target(page):
     page_file = ROOT / page
     for link in re.findall(r"\]\(([^)\s]+)\)", page_file.read_text(encoding="utf-8")):
         if link.startswith("http"):
@@ -186,7 +186,7 @@ def test_the_links_of_a_page_lead_somewhere(page):
         assert not anchor or anchor in anchors(target), f"{page}: {target.name} has no heading {anchor}"
 
 
-def test_the_glossary_is_sorted_and_leads_to_pages_that_exist():
+def test_the_glossary_is_sorted_and_links_to_existing_pages():
     text = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1:5] for line in text.splitlines() if line.startswith("| ")][1:]
     terms = [row[0].strip().lower() for row in rows]

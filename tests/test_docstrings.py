@@ -170,16 +170,16 @@ def source(doc: NumpyDocString) -> list[str]:
     )
 
 
-def test_each_public_room_has_a_page_in_the_reference():
+def test_each_public_package_has_a_page_in_the_reference():
     pages = {room.removeprefix("baqueano.") for room in reference.ROOMS}
     assert not {*ROOMS} - pages
 
 
-def test_few_names_are_public():
+def test_the_number_of_public_names_is_limited():
     assert len(PUBLIC) <= MOST_NAMES, len(PUBLIC)
 
 
-def test_a_private_room_has_no_list_of_public_names():
+def test_a_private_package_has_no_list_of_public_names():
     offering = {
         path.relative_to(SOURCE).as_posix().removesuffix("/__init__.py").removesuffix(".py").replace("/", ".")
         for path in SOURCE.rglob("*.py")

@@ -1,4 +1,5 @@
-"""The examples in docstrings run, and say what they say. Where they speak of hardware, an emulated one is there."""
+"""The examples in docstrings run and give the documented output. An emulated device replaces the hardware that they
+use."""
 
 import ast
 import doctest
@@ -66,7 +67,7 @@ MOST = 4  # statements of an example, beside its imports
 
 
 @pytest.mark.parametrize("module", TEXTS)
-def test_the_examples_of_a_module_run_and_say_what_they_say(module, request, tmp_path, monkeypatch):
+def test_the_examples_of_a_module_run_with_the_documented_output(module, request, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     texts = []
     with HARDWARE.get(module, none)(request, monkeypatch):
@@ -76,13 +77,13 @@ def test_the_examples_of_a_module_run_and_say_what_they_say(module, request, tmp
 
 
 @pytest.mark.parametrize(("module", "name"), NAMES)
-def test_what_a_user_calls_has_a_short_example(module, name):
+def test_each_public_function_has_a_short_example(module, name):
     (example,) = [candidate for candidate in examples_of(module) if candidate.name == f"{module}.{name}"]
     lines = [line.source for line in example.examples if not line.source.startswith(("import ", "from "))]
     assert 0 < len(lines) <= MOST, "".join(lines)
 
 
-def test_no_example_is_left_out():
+def test_every_docstring_example_is_executed():
     skipped = [module for module, text in TEXTS.items() if "doctest:" in text]
     assert not skipped, "an example that does not run may be wrong"
     for module, text in TEXTS.items():

@@ -1,4 +1,4 @@
-"""The tutorial runs from its first line to its last, and what it shows is what the programs print."""
+"""The code of the tutorial runs completely, and the page shows the output of the programs."""
 
 import os
 import re
@@ -47,14 +47,14 @@ def evening(tmp_path_factory):
     return folder, pairs
 
 
-def test_every_command_of_the_evening_runs_and_leaves_what_the_page_says(evening):
+def test_every_command_of_the_evening_runs_and_writes_its_files(evening):
     folder, _ = evening
     assert len(list((folder / "runs").glob("*.mcap"))) == 6
     assert {"fit.html", "vehicle.toml", "first_evening.ipynb"} <= {path.name for path in folder.iterdir()}
     assert (folder / "routes" / "lap.csv").exists()
 
 
-def test_what_the_page_shows_is_what_is_printed(evening):
+def test_the_output_on_the_page_is_that_of_the_commands(evening):
     _, pairs = evening
     assert len(pairs) > 2
     for printed, text in pairs:

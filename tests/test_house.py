@@ -54,7 +54,7 @@ def test_every_signature_is_typed():
     run("pyright", "--warnings")
 
 
-def test_nothing_imports_upward():
+def test_no_layer_imports_from_a_higher_layer():
     code = "from importlinter.cli import lint_imports_command as lint; lint()"
     process = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, encoding="utf-8"
@@ -62,7 +62,7 @@ def test_nothing_imports_upward():
     assert " kept, 0 broken" in process.stdout, process.stdout[-4000:] + process.stderr
 
 
-def test_a_folder_can_be_seen_at_once():
+def test_folders_have_limited_numbers_of_modules_and_names():
     """At most MODULES files and NAMES public names."""
     full = {
         str(folder.relative_to(SOURCE.parent).as_posix())
@@ -104,11 +104,11 @@ def blocks_in(paths: Iterable[Path]) -> set[str]:
 
 
 @pytest.mark.parametrize("room", ["estimators", "guides", "controllers"])
-def test_a_room_names_every_block_that_stands_in_it(room):
+def test_a_block_package_exports_every_block_of_its_modules(room):
     assert blocks_in((SOURCE / room).rglob("*.py")) <= set(public_names(SOURCE / room / "__init__.py"))
 
 
-def test_no_block_hides_outside_the_block_rooms():
+def test_no_block_is_defined_outside_the_block_packages():
     outside = [path for path in SOURCE.rglob("*.py") if path.relative_to(SOURCE).parts[0] not in BLOCK_ROOMS]
     hidden_blocks = blocks_in(outside)
     assert not hidden_blocks - AROUND_BLOCKS, (
@@ -117,7 +117,7 @@ def test_no_block_hides_outside_the_block_rooms():
 
 
 @pytest.mark.parametrize("room", BLOCK_ROOMS)
-def test_blocks_open_no_door_to_the_outside(room):
+def test_blocks_import_no_module_with_external_access(room):
     for path in (SOURCE / room).rglob("*.py"):
         for node in nodes_of(path):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
@@ -128,8 +128,9 @@ def test_blocks_open_no_door_to_the_outside(room):
             )
 
 
-def test_nothing_asks_which_vehicle_it_has():
-    """Its protocol and the metadata of its parameters say all, so that a vehicle of one's own is served as ours are."""
+def test_no_module_tests_for_a_specific_vehicle_class():
+    """Protocol and parameter metadata describe a vehicle completely, so that a user's vehicle is served like a built-in
+    one."""
     offenders = {
         str(path.relative_to(SOURCE))
         for path in SOURCE.rglob("*.py")
@@ -150,24 +151,24 @@ def sources() -> dict[Path, str]:
     return {path: path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")}
 
 
-def test_a_block_is_asked_what_it_has_in_one_module():
+def test_the_number_of_hasattr_calls_is_limited():
     assert sum(text.count("hasattr(") for text in sources().values()) <= SNIFFED, "ask contracts/optional.py"
 
 
-def test_a_signature_says_what_it_takes():
+def test_signatures_rarely_use_any():
     assert sum(len(re.findall(r"\bAny\b", text)) for text in sources().values()) <= UNTYPED, (
         "a promise or a type of contracts/, or the class itself"
     )
 
 
-def test_a_class_has_a_name_of_its_own():
+def test_each_class_has_a_unique_name():
     names = Counter(name for text in sources().values() for name in re.findall(r"^class (\w+)", text, re.M))
     twice = sorted(name for name, count in names.items() if count > 1)
     assert len(twice) <= SAME_NAME, twice
 
 
 @pytest.mark.parametrize("room", ["vehicles", "sensors", "estimators", "guides", "controllers"])
-def test_no_kind_of_ours_is_distinguished_outside_its_room(room):
+def test_no_built_in_block_class_is_named_outside_its_package(room):
     kinds = blocks_in((SOURCE / room).rglob("*.py")) | {
         "Imu",
         "Wheels",
@@ -188,7 +189,7 @@ def test_no_kind_of_ours_is_distinguished_outside_its_room(room):
     assert not offenders, offenders
 
 
-def test_no_file_needs_a_tour():
+def test_no_file_has_more_than_400_lines():
     long = {
         str(path.relative_to(ROOT)): lines
         for room in (SOURCE, ROOT / "tests", ROOT / "benchmarks", ROOT / "docs")
@@ -199,7 +200,7 @@ def test_no_file_needs_a_tour():
 
 
 @pytest.mark.parametrize("room", SEEN_AT_ONCE)
-def test_other_rooms_take_few_names_from_a_room(room):
+def test_other_packages_import_few_names_from_a_package(room):
     """At most NAMES. Rooms are added here one by one."""
     package = f"baqueano.{room.replace('/', '.')}"
     modules = {package, *(f"{package}.{path.stem}" for path in modules_in(SOURCE / room))}
@@ -214,7 +215,7 @@ def test_other_rooms_take_few_names_from_a_room(room):
     assert len(names) <= NAMES, f"{len(names)} names of {room} are used elsewhere: {sorted(names)}"
 
 
-def test_whatever_is_public_says_what_it_is():
+def test_every_public_object_has_a_docstring():
     members, dumb = {}, []
     for path in SOURCE.rglob("*.py"):
         for node in nodes_of(path):
@@ -249,7 +250,7 @@ def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], members
             yield from without_docstring(node, f"{prefix}{node.name}.", inherited_names, members)
 
 
-def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
+def test_each_result_with_table_and_verdict_has_rows():
     mute = [
         f"{path.relative_to(ROOT)}: {node.name}"
         for path in SOURCE.rglob("*.py")
@@ -269,9 +270,9 @@ def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
     assert process.stdout.strip() == "[]"
 
 
-def test_each_promise_that_a_test_names_is_one():
+def test_each_promise_named_by_a_test_exists():
     assert not keepers().keys() - promises().keys()
-    assert promises().keys() - keepers().keys() == WHY_NOT.keys()  # what is not kept says why
+    assert promises().keys() - keepers().keys() == WHY_NOT.keys()  # a promise that is not kept has a reason
 
 
 def calls():
@@ -291,7 +292,7 @@ def test_ne1_no_port_is_opened_to_the_network():
             assert ast.unparse(call.args[0]) == "socket.AF_UNIX", file
 
 
-def test_lg7_fi5_nothing_of_a_file_is_run_as_code():
+def test_lg7_fi5_no_file_content_is_executed_as_code():
     """A block of the user is code and is run; a study reads back what it pickled itself."""
     risky = re.compile(r"(pickle|marshal|shelve|yaml)\.\w+|eval|exec|read_pickle")
     offenders = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
@@ -300,7 +301,7 @@ def test_lg7_fi5_nothing_of_a_file_is_run_as_code():
     assert not [file for file, call in calls() if "allow_pickle" in {key.arg for key in call.keywords}]
 
 
-def test_su1_six_packages_at_most_are_needed_on_board():
+def test_su1_at_most_six_packages_are_needed_on_board():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert len(project["dependencies"]) <= 6
 
@@ -331,7 +332,7 @@ HARMLESS = {
 }
 
 
-def test_no_study_makes_its_data_by_the_step_that_is_fitted():
+def test_no_study_simulates_data_with_the_fitted_model_step():
     """A mirror always agrees: data come from study/truth or from recordings."""
     for path in (SOURCE / "study").rglob("*.py"):
         modules = {

@@ -34,12 +34,12 @@ def test_a_catalogue_is_complete_and_compiled(language):
     ("english", "translation"),
     [("{x:.1f} m", "{y:.1f} m"), ("{arg[use]:{sensor}}", "{arg[use]}"), ("{a}", "a")],
 )
-def test_other_placeholders_are_named(english, translation):
+def test_different_placeholders_of_a_translation_are_reported(english, translation):
     assert differs(english, translation)
     assert differs(english, english) is None
 
 
-def test_the_command_line_wins_over_the_variable_and_the_variable_over_the_locale(monkeypatch):
+def test_command_line_variable_and_locale_set_the_language_in_this_order(monkeypatch):
     assert current() == "en"
     monkeypatch.setenv("LANG", "es_AR.UTF-8")
     assert current() == "es"
@@ -73,13 +73,13 @@ def test_numbers_are_written_as_in_spanish(value, spec, text_written):
     assert f"{number([value])[0]:{spec}}" == text_written
 
 
-def test_what_has_no_translation_stays_english():
+def test_a_text_without_a_translation_stays_english():
     language.choose("es")
     assert translated("a sentence of tomorrow", "no.code") == "a sentence of tomorrow"
     assert translated("") == ""
 
 
-def test_the_command_line_speaks_spanish():
+def test_the_command_line_prints_spanish():
     def output_of(*args, **environment):
         end = subprocess.run(
             [sys.executable, "-m", "baqueano", *args], capture_output=True, encoding="utf-8",

@@ -1,4 +1,4 @@
-"""The loop: pure step, clocked run, replay bit for bit, and what happens when a block fails."""
+"""The loop: the pure step, the clocked run, an exact replay, and a failing block."""
 
 import signal
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ def test_the_vehicle_follows_its_route_and_the_records_are_in_order():
     assert np.hypot(*error[:2]) < 0.15
 
 
-def test_the_command_of_one_tick_is_in_force_in_the_next():
+def test_the_command_of_one_tick_acts_in_the_next_tick():
     records, _, _ = drive(duration_s=0.5)
     assert np.array_equal(records[0].tick.u, np.zeros(3))
     for now, after in pairwise(records):
@@ -93,14 +93,14 @@ def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
     assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
 
-def test_replay_does_not_depend_on_how_the_ticks_were_bundled():
+def test_replay_does_not_depend_on_the_grouping_of_ticks():
     records, _, _ = drive(duration_s=1.0)
     world, replayed_records = replay_of(records), []
     loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], replayed_records.append)
     assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
 
-def test_the_pure_step_is_the_clocked_loop():
+def test_the_pure_step_equals_the_clocked_loop():
     records, _, _ = drive(duration_s=1.0)
     states = loop.init(BLOCKS)
     for record in records:
@@ -125,7 +125,7 @@ class Deaf:
         self.world.write(command)
 
 
-def test_without_imu_for_two_seconds_under_saturation_the_estimate_goes_on_with_what_the_motors_got():
+def test_the_estimate_uses_applied_commands_without_an_imu():
     faster_than_it_can = compiled(SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=1.2, laps=0))
     eager = BLOCKS._replace(guide=faster_than_it_can)
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1.0, 3.0)
@@ -157,7 +157,7 @@ class Count(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Failing:
-    """The paper's PD, until at tick `at` it does what `how` says."""
+    """The PD of the paper that fails at tick `at` in the way of `how`."""
 
     how: str
     at: int = 20
@@ -206,7 +206,7 @@ FAILING_LINE = next(
         ("three", {"found": "a tuple of 3", "expected": "(state, output)"}),
     ],
 )
-def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(failure, figures):
+def test_rt3_a_failing_controller_stops_the_vehicle_and_logging_continues(failure, figures):
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
     records, events, outcome = drive(
         BLOCKS._replace(controller=Failing(failure)), duration_s=9.0, world=world
@@ -239,7 +239,7 @@ class BrokenBlock:
 
 
 @pytest.mark.parametrize("room", Blocks._fields)
-def test_rt3_every_room_is_guarded(room):
+def test_rt3_a_failure_of_each_block_kind_stops_the_vehicle(room):
     records, events, outcome = drive(BLOCKS._replace(**{room: BrokenBlock()}), duration_s=3.0)
     assert outcome.stopped.code == StopReason.BLOCK_RAISED
     assert outcome.stopped.figures["block"].startswith(f"{room} BrokenBlock (")
@@ -257,7 +257,7 @@ class Odd(BaseException):
 
 @pytest.mark.parametrize("verb", ["init", "step"])
 @pytest.mark.parametrize("error", [SystemExit, GeneratorExit, KeyboardInterrupt, Odd])
-def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
+def test_a_block_that_ends_the_program_ends_only_its_drive(error, verb):
     def ends(self, *inputs):
         raise error
 
@@ -270,7 +270,7 @@ def test_a_block_that_would_end_the_program_ends_its_drive(error, verb):
     assert all(np.array_equal(r.command.u, np.zeros(3)) for r in records)
 
 
-def test_ctrl_c_in_the_middle_of_a_block_is_not_a_fault_of_the_block():
+def test_ctrl_c_inside_a_block_is_not_a_block_fault():
     class InterruptedBlock(BrokenBlock):
         def step(self, state, *inputs):
             signal.raise_signal(signal.SIGINT)
@@ -280,7 +280,7 @@ def test_ctrl_c_in_the_middle_of_a_block_is_not_a_fault_of_the_block():
     assert len(events) == 1
 
 
-def test_two_blocks_that_fail_one_after_the_other_are_survived():
+def test_two_failing_blocks_do_not_end_the_loop():
     failing = BLOCKS._replace(controller=BrokenBlock(), estimator=BrokenBlock())
     records, _, outcome = drive(failing, duration_s=3.0)
     assert outcome.stopped.figures["block"].startswith("estimator BrokenBlock")
@@ -299,7 +299,7 @@ def test_a_block_that_fails_before_the_start_moves_nothing():
     assert len(events) == 1
 
 
-def test_an_estimate_that_is_not_a_number_is_blamed_on_the_estimator():
+def test_a_nan_estimate_is_attributed_to_the_estimator():
     @dataclass(frozen=True, slots=True, eq=False)
     class Lost:
         def init(self):
@@ -334,7 +334,7 @@ def test_a_guide_that_is_done_ends_the_run():
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
-def test_whatever_ends_the_loop_the_motors_get_zeros(error):
+def test_the_motors_receive_zero_at_every_end_of_the_loop(error):
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
 
     def interrupted():
@@ -354,14 +354,14 @@ def test_whatever_ends_the_loop_the_motors_get_zeros(error):
     assert np.any(world.motors[-2] != 0.0)
 
 
-def test_the_start_pose_reaches_the_estimator():
+def test_the_estimator_receives_the_start_pose():
     start = np.array([1.0, 2.0, 0.5])
     records, _, _ = drive(BLOCKS._replace(guide=Repeat.along(circle(0.5, 0.01))), 0.02, eta=start)
     np.testing.assert_allclose(records[0].estimate.eta, start, atol=1e-3)
     assert isinstance(records[0].reference, Reference)
 
 
-def test_back_ends_agree_over_a_loop():
+def test_the_back_ends_agree_over_a_loop():
     ticks = [r.tick for r in drive(duration_s=0.2)[0]]
     estimates = {}
     for backend in ("auto", "python", "numpy"):
@@ -375,7 +375,7 @@ def test_back_ends_agree_over_a_loop():
             np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
 
-def test_anyone_who_likes_writes_the_loop_in_eight_lines():
+def test_the_loop_can_be_written_in_eight_lines():
     estimator, guide, controller, supervisor = BLOCKS
     world, commands = SimulatedWorld(VEHICLE, SENSORS, seed=4), []
     belief, g, c, s = estimator.init(), guide.init(), controller.init(), supervisor.init()

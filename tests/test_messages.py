@@ -90,7 +90,7 @@ def readers(tree):
 
 
 @pytest.mark.parametrize("room", ROOMS_OF_CODE)
-def test_no_code_reads_a_sentence(room):
+def test_no_source_code_reads_a_sentence(room):
     files = [SOURCE / room] if room.endswith(".py") else sorted((SOURCE / room).rglob("*.py"))
     offenders = [
         f"{path.relative_to(SOURCE)} line {line}"
@@ -108,14 +108,14 @@ def test_no_code_reads_a_sentence(room):
         'text(why).partition(":")', 'LOW = "the battery is low"\nwhy == LOW',
     ],
 )  # fmt: skip
-def test_anyone_who_reads_a_sentence_is_found(line):
+def test_code_that_reads_a_sentence_is_detected(line):
     assert list(readers(ast.parse(line)))
 
 
 @pytest.mark.parametrize(
     "line", ['name.startswith("-")', "why.code == StopReason.TILT", "host.partition(':')", "x in why.figures"]
 )
-def test_anyone_who_reads_codes_and_names_is_not(line):
+def test_code_that_reads_codes_and_names_is_accepted(line):
     assert not list(readers(ast.parse(line)))
 
 
@@ -123,7 +123,7 @@ def sentences():
     return "".join(f"{code}\n    {template}\n" for code, template in sorted(templates().items()))
 
 
-def test_the_sentences_are_those_of_the_golden_file():
+def test_the_sentences_equal_the_golden_file():
     if os.environ.get("REGENERATE"):
         GOLDEN.write_text(sentences(), encoding="utf-8")
     assert GOLDEN.read_text(encoding="utf-8") == sentences(), "type: make golden, and read the diff"
@@ -205,7 +205,7 @@ NESTED = stop(StopReason.IMU_ABSENT, cause=UsageError("no bus").diagnostic)
         note("bus.freed", Severity.WARNING, clocks=9),
     ],
 )  # fmt: skip
-def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(note):
+def test_a_diagnostic_is_the_same_after_transmission_and_in_a_run(note):
     assert Diagnostic.of_json(json.loads(json.dumps(note.to_json()))) == note
     assert text(note)
 
@@ -219,7 +219,7 @@ def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(note):
         {"code": "x", "severity": "error", "subject": "", "figures": {"a": {"code": 3}}, "fix": ""},
     ],
 )  # fmt: skip
-def test_what_is_not_a_diagnostic_is_refused(data):
+def test_invalid_diagnostic_data_are_refused(data):
     with pytest.raises(ValueError, match=r"diagnostic|figure|Severity"):
         Diagnostic.of_json(data)
 
@@ -232,7 +232,7 @@ def test_what_is_not_a_diagnostic_is_refused(data):
         ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
     ],
 )  # fmt: skip
-def test_a_message_of_an_older_run_has_its_code_and_sentence_of_today(then, now):
+def test_a_message_of_an_older_run_gets_its_present_code(then, now):
     outer = {"code": "run.event", "severity": "warning", "subject": "", "fix": "", "figures": {}}
     words = outer | {"figures": {"cause": outer | {"code": then}}}
     assert Diagnostic.of_json(words).figures["cause"].code == now
@@ -240,7 +240,7 @@ def test_a_message_of_an_older_run_has_its_code_and_sentence_of_today(then, now)
     assert then not in templates()
 
 
-def test_a_code_of_another_version_is_shown_with_its_figures_and_never_raises():
+def test_an_unknown_code_is_printed_with_its_figures():
     assert (
         text(note("uno.new", fix="baqueano help", volts=7.1)) == "uno.new (volts = 7.1). Type: baqueano help"
     )
@@ -251,7 +251,7 @@ def test_a_code_of_another_version_is_shown_with_its_figures_and_never_raises():
     )
 
 
-def test_an_error_carries_its_diagnostic_over_the_door():
+def test_an_error_has_its_diagnostic_after_transmission():
     reason = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
     error = of_code(SafetyStop.exit_code, reason)
     assert (type(error), error.diagnostic, str(error)) == (SafetyStop, reason, text(reason))

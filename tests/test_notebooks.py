@@ -1,4 +1,4 @@
-"""The notebook of a new project runs, cell by cell, in a kernel, and what it shows is what a reader needs."""
+"""The notebook of a new project runs cell by cell in a kernel, and its output is short and readable."""
 
 import nbformat
 import pytest
@@ -33,13 +33,13 @@ def outputs_of(notebook, kind):
     ]
 
 
-def test_the_notebook_of_a_new_project_runs_and_says_nothing_beside(executed_notebooks):
+def test_the_notebook_of_a_new_project_runs_without_warnings(executed_notebooks):
     _, notebook = executed_notebooks
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert {output.output_type for output in outputs} <= {"execute_result", "display_data"}
 
 
-def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed_notebooks):
+def test_notebook_results_are_cards_with_short_texts_and_figures_are_images(executed_notebooks):
     folder, notebook = executed_notebooks
     cards = outputs_of(notebook, "text/html")
     assert any("Fit of small" in card and "friction.linear[0]" in card for card in cards)
@@ -52,7 +52,7 @@ def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed_not
     assert (folder / "errors.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_a_run_keeps_the_text_of_a_block_that_a_cell_defines(executed_notebooks):
+def test_a_run_stores_the_source_of_a_block_from_a_cell(executed_notebooks):
     folder, _ = executed_notebooks
     metadata = read_run(folder / "mine.mcap").metadata
     assert "class Mine:" in metadata["controller.text"]

@@ -1,4 +1,4 @@
-"""Packages whose names are imported when they are asked for: what a type checker reads is what Python gets."""
+"""Packages import names on demand; a type checker and Python get the same objects."""
 
 import ast
 import subprocess
@@ -40,7 +40,7 @@ def package_of(path: Path):
 
 
 @pytest.mark.parametrize("path", PACKAGES, ids=lambda path: path.parent.name)
-def test_a_name_on_demand_is_that_of_its_module(path):
+def test_a_lazy_name_is_the_object_of_its_module(path):
     package = package_of(path)
     modules = read_by_a_type_checker(path)
     assert modules
@@ -51,11 +51,11 @@ def test_a_name_on_demand_is_that_of_its_module(path):
 
 
 @pytest.mark.parametrize("path", PACKAGES[1:], ids=lambda path: path.parent.name)
-def test_no_name_on_demand_is_hidden_by_a_submodule(path):
+def test_no_lazy_name_is_hidden_by_a_submodule(path):
     assert not {entry.stem for entry in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
 
 
-def test_a_name_that_no_module_holds_is_not_an_attribute():
+def test_a_name_absent_from_every_module_is_an_attribute_error():
     get = on_demand("baqueano.runs", {"folder": ("find",)})
     with pytest.raises(AttributeError, match=r"module 'baqueano\.runs' does not have attribute 'fnid'"):
         get("fnid")
@@ -70,7 +70,7 @@ def fresh(code: str) -> str:
 VERBS = ["compare", "identify", "report", "simulate", "tune"]  # called as the rooms in which they stand
 
 
-def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
+def test_a_top_level_function_stays_callable_after_importing_its_package():
     rooms = "; ".join(f"import baqueano.{verb}" for verb in VERBS)
     printed = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
     assert printed == str(VERBS)
@@ -80,13 +80,13 @@ def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
     )
 
 
-def test_the_front_door_imports_nothing_before_it_is_used():
+def test_importing_baqueano_imports_no_subpackage():
     new = "set(sys.modules) - before"
     printed = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
     assert printed == "baqueano baqueano.on_demand"
 
 
-def test_the_front_door_offers_the_verbs_of_the_command_line():
+def test_the_top_level_functions_match_the_command_line():
     both = {"simulate", "experiment", "identify", "tune", "teach", "repeat", "replay", "compare", "report", "forecast",
             "new"}  # fmt: skip
     assert both <= set(COMMANDS)

@@ -1,4 +1,4 @@
-"""What `baqueano new` puts beside a file of guesses: the vehicle that its simulation drives."""
+"""`baqueano new` writes a simulated vehicle that differs from the guessed vehicle file."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.mark.parametrize("name", ["small", "car", EXAMPLES / "servo_axis.toml", EXAMPLES / "omni_robot.toml"])
-def test_a_simulated_vehicle_differs_in_all_that_a_fit_finds_and_in_nothing_that_is_known(name):
+def test_the_simulated_truth_differs_from_the_guess_in_all_fitted_parameters(name):
     guess = load(name, allow_blocks=True)
     unknown_paths = others_than(guess)
     count = 0

@@ -44,14 +44,14 @@ def test_every_page_for_students_exists_in_both_languages():
 
 
 @pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
-def test_a_page_has_the_same_code_and_the_same_parts_in_both_languages(name):
+def test_a_page_has_the_same_code_and_headings_in_both_languages(name):
     english, spanish = DOCS / f"{name}.md", SPANISH / f"{name}.md"
     assert blocks(spanish) == blocks(english)
     assert headings(spanish) == headings(english)
 
 
 @pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
-def test_a_spanish_page_leads_to_spanish_pages_and_has_decimal_commas(name):
+def test_a_spanish_page_links_to_spanish_pages_and_has_decimal_commas(name):
     text = (SPANISH / f"{name}.md").read_text(encoding="utf-8")
     for link in re.findall(r"\]\(([^)\s#]+)[^)\s]*\)", text):
         if link.startswith("http"):
@@ -119,7 +119,7 @@ def page_parts(page):
 
 
 @needs_sphinx
-def test_the_site_needs_no_network_and_no_link_is_dead(site):
+def test_the_site_needs_no_network_and_has_no_dead_link(site):
     pages = list(site.rglob("*.html"))
     assert len(pages) > 40
     for page in pages:
@@ -134,7 +134,7 @@ def test_the_site_needs_no_network_and_no_link_is_dead(site):
 
 
 @needs_sphinx
-def test_every_page_leads_to_itself_in_the_other_language(site):
+def test_every_page_links_to_its_other_language(site):
     for name in FOR_STUDENTS:
         page = "index" if name == "README" else name
         assert f"es/{page}.html" in page_parts(site / f"{page}.html").links
@@ -153,14 +153,14 @@ def test_the_reference_describes_the_public_names(site):
 
 
 @needs_sphinx
-def test_both_searches_know_the_words_of_their_pages(site):
+def test_the_search_index_of_each_language_contains_its_words(site):
     assert "first-evening" in (site / "searchindex.js").read_text(encoding="utf-8")
     spanish = (site / "es/searchindex.js").read_text(encoding="utf-8")
     assert "corrid" in spanish
 
 
 @needs_sphinx
-def test_equations_are_mathml():
+def test_equations_are_written_as_mathml():
     from docs.site.mathematics import mathml
 
     mathematics = mathml(r"\dot\nu = f(\nu, u) \tag{3}", True)
@@ -170,7 +170,7 @@ def test_equations_are_mathml():
 
 
 @pytest.mark.skipif(find_spec("docutils") is None, reason="the site needs the extra docs")
-def test_a_docstring_becomes_markdown():
+def test_a_docstring_is_converted_to_markdown():
     from docs.site.docstring import markdown
 
     text = markdown(

@@ -32,7 +32,7 @@ def answer(c, e=None, t=None, state=None):
     return SUPERVISOR.step(state, c, tick() if t is None else t, estimate() if e is None else e)
 
 
-def test_a_command_within_the_limits_passes_untouched():
+def test_a_command_within_the_limits_is_unchanged():
     state, out = answer(command(0.7, 0.0, -0.2))
     assert np.array_equal(out.u, [0.7, 0.0, -0.2])
     assert out.t_ns == 1_000_000_000
@@ -62,14 +62,14 @@ UNSURE[0, 1] = UNSURE[1, 0] = 0.1  # 0.55 m along the diagonal, 0.45 m along x a
         (command(np.nan, 0, 0), estimate(nu=(0.0, 0.0, -6.1)), 1),
     ],
 )
-def test_each_reason_stops_and_is_named(c, e, reason):
+def test_each_stop_reason_stops_the_vehicle_and_is_named(c, e, reason):
     state, out = answer(c, e)
     assert np.array_equal(out.u, np.zeros(3))
     assert state.reason == reason
     assert stop_reason(state).code == REASONS[reason]
 
 
-def test_rt6_a_silent_imu_stops_after_its_timeout_and_not_before():
+def test_rt6_a_silent_imu_stops_the_vehicle_exactly_after_its_timeout():
     state, _ = answer(command(1, 0, 0), t=tick(1.0))
     for t_s, is_stopped in ((1.2, 0.0), (1.5, 0.0), (1.51, 1.0)):
         state, out = answer(command(1, 0, 0), t=tick(t_s, has=0.0), state=state)
@@ -78,20 +78,20 @@ def test_rt6_a_silent_imu_stops_after_its_timeout_and_not_before():
     assert stop_reason(state).code == StopReason.SENSOR_SILENT
 
 
-def test_an_imu_that_never_spoke_stops_the_vehicle_too():
+def test_an_imu_without_any_reading_stops_the_vehicle():
     state, _ = answer(command(1, 0, 0), t=tick(1.0, has=0.0))
     state, out = answer(command(1, 0, 0), t=tick(1.6, has=0.0), state=state)
     assert (state.stopped, out.u[0]) == (1.0, 0.0)
 
 
-def test_a_vehicle_without_the_watched_sensor_is_not_watched():
+def test_a_vehicle_without_the_monitored_sensor_is_not_stopped():
     bare = Tick(9_000_000_000, np.zeros(3), sensor_slots(("odometer",))(Slot(0.0, np.zeros(1))))
     state, _ = answer(command(1, 0, 0), t=tick(1.0))
     state, out = answer(command(1, 0, 0), t=bare, state=state)
     assert out.u[0] == 1.0
 
 
-def test_a_stop_is_latched_and_keeps_its_first_reason():
+def test_a_stop_is_latched_with_its_first_reason():
     state, _ = answer(command(0, 0, 0), estimate(nu=(3.0, 0.0, 0.0)))
     for c in (command(0.5, 0, 0), command(np.nan, 0, 0)):
         state, out = answer(c, state=state)

@@ -1,4 +1,5 @@
-"""A sentence in the source passes through gettext: it is a template of messages/, a help text, or stands in `_(…)`."""
+"""A sentence in the source passes through gettext: it is a template of messages/, a help text, or an argument of
+`_(…)`."""
 
 import ast
 import re
@@ -48,7 +49,7 @@ def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
         yield from sentences(node)
 
 
-def test_a_sentence_is_translated_where_it_is_shown():
+def test_every_displayed_sentence_is_translated():
     bare = []
     for path in sorted(SOURCE.rglob("*.py")):
         place = path.relative_to(SOURCE)
@@ -59,7 +60,7 @@ def test_a_sentence_is_translated_where_it_is_shown():
     assert bare == [], "write a template of messages/, or _(…)"
 
 
-def test_a_sentence_that_nothing_translates_is_found():
+def test_an_untranslated_sentence_is_detected():
     assert list(sentences(ast.parse('talk(f"the run {name} has gone out of its way")')))
     assert list(sentences(ast.parse('say("asking what is not there")')))
     assert not list(sentences(ast.parse('talk(_("the run has gone out of its way"))')))

@@ -56,7 +56,7 @@ def waiting(process):
     return reading, line
 
 
-def test_one_alone_waits_for_those_who_run_and_lets_nobody_pass(start):
+def test_an_exclusive_test_waits_for_running_tests_and_blocks_new_tests(start):
     first, second = start("beside"), start("beside")
     assert int(first.stdout.readline())
     assert int(second.stdout.readline())  # both at once
@@ -78,7 +78,7 @@ def end(process):
     process.stdin.flush()
 
 
-def test_one_that_runs_again_waits_for_the_others_to_leave(start):
+def test_a_repeated_exclusive_test_waits_for_the_other_tests(start):
     shared_again, neighbour = start("again"), start("beside")
     assert int(shared_again.stdout.readline())
     assert int(neighbour.stdout.readline())
@@ -89,7 +89,7 @@ def test_one_that_runs_again_waits_for_the_others_to_leave(start):
     assert int(came[0])
 
 
-def test_without_other_processes_nobody_waits():
+def test_without_other_processes_a_test_does_not_wait():
     start_s = time.monotonic()
     with turn(True, ""), turn(True, ""):
         assert time.monotonic() - start_s < 20.0

@@ -20,7 +20,7 @@ def wheel(tmp_path_factory) -> Path:
     return next(out.glob("*.whl"))
 
 
-def test_wheel_holds_every_data_file_and_no_test(wheel):
+def test_the_wheel_contains_every_data_file_and_no_test(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     for path in (ROOT / "src").rglob("*"):
         if path.suffix in {".toml", ".jinja", ".h", ".hex", ".typed"}:
@@ -28,7 +28,7 @@ def test_wheel_holds_every_data_file_and_no_test(wheel):
     assert not [name for name in names if name.startswith("tests/")]
 
 
-def test_su4_wheel_installs_alone_and_answers_outside_the_repository(wheel, tmp_path):
+def test_su4_the_wheel_installs_offline_and_works_outside_the_repository(wheel, tmp_path):
     """The dependencies come from this environment (no network in a test); the package from the wheel alone."""
     venv.create(tmp_path / "env", system_site_packages=False, with_pip=False)
     scripts = tmp_path / "env" / ("Scripts" if sys.platform == "win32" else "bin")

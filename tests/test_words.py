@@ -16,7 +16,7 @@ RIDDLE = re.compile(r"(What|Whether|That|How|Where|Who|Those|Whose)\b")
 DEFINED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 
 
-def test_a_message_is_plain():
+def test_a_message_is_in_plain_language():
     for code, template in templates().items():
         bare = re.sub(r"\{[^{}]*\}", "x", template)
         long = [sentence for sentence in re.split(r"[.;:!?] ", bare) if len(sentence.split()) > WORDS]
@@ -62,7 +62,7 @@ def sentences_of(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_is_plain(page):
+def test_a_page_is_in_plain_language(page):
     sentences = sentences_of((DOCS / page).read_text(encoding="utf-8"))
     long = [sentence for sentence in sentences if len(SINGLE.findall(sentence)) > WORDS]
     assert not long, f"over {WORDS} words: {long}"
@@ -80,7 +80,7 @@ def nodes(*folders: Path):
                 yield file, node
 
 
-def test_a_docstring_begins_with_a_verb_or_with_the_thing():
+def test_a_docstring_begins_with_a_verb_or_a_noun():
     riddles = [
         f"{file}: {text}"
         for file, node in nodes()
@@ -109,7 +109,7 @@ def sentences(docstring: str) -> list[str]:
     ]
 
 
-def test_a_docstring_is_plain():
+def test_a_docstring_is_in_plain_language():
     long, negated = [], []
     for file, node in nodes():
         if not isinstance(node, DEFINED):
@@ -130,7 +130,7 @@ def test_a_docstring_is_plain():
         ("Return a sentence\nof two lines.\n\n>>> one.two. three\n", 1),
     ],
 )
-def test_sentences_of_a_docstring(docstring, count):
+def test_sentences_of_a_docstring_are_counted_correctly(docstring, count):
     assert len(sentences(docstring)) == count
 
 
@@ -153,7 +153,7 @@ def defined_names(node: ast.AST) -> list[str]:
     ]
 
 
-def test_no_name_is_a_verb_of_saying():
+def test_no_defined_name_is_a_verb_of_saying():
     names = {
         f"{file}: {name}"
         for file, node in nodes(*NAMED)
@@ -167,7 +167,7 @@ PARTICIPLE = re.compile(r"_?[A-Z][a-z]+(ed|aught|old|eld|een|own|awn)")  # a wor
 TERMS = {"Unscented", "Field", "Feed", "Screen"}  # of the field, and nouns that look like one
 
 
-def test_a_class_is_called_by_a_noun():
+def test_a_class_name_is_a_noun():
     participles = {
         f"{file}: {node.name}"
         for file, node in nodes()

@@ -55,7 +55,7 @@ def vehicle_at(path: Path, kind: str) -> Path:
 
 
 def run_that_names(kind: str, path: Path) -> Path:
-    """Write the run of somebody whose vehicle file has the controller `kind`."""
+    """Write the run of another user whose vehicle file has the controller `kind`."""
     small = load("small")
     run = experiment(small, np.tile([0.5, 0.0, 0.0], (20, 1)))
     text = small.text.replace('kind = "pd_feedforward"', f"kind = {kind!r}")
@@ -73,20 +73,20 @@ def causes(error: FileError) -> list[str]:
     return causes
 
 
-def test_own_text_beside_the_own_vehicle_file_runs_as_before(tmp_path, mark):
+def test_a_block_file_beside_the_own_vehicle_file_is_executed(tmp_path, mark):
     text_at(tmp_path / "lab" / "mine.py", mark)
     load(vehicle_at(tmp_path / "lab" / "vehicle.toml", "mine.py:Mine")).controller()
     assert mark.exists()
 
 
-def test_a_vehicle_file_below_the_folder_of_the_user_may_name_text_of_that_folder(tmp_path, mark):
+def test_a_vehicle_file_may_name_a_block_in_the_user_folder(tmp_path, mark):
     text_at(tmp_path / "mine.py", mark)
     load(vehicle_at(tmp_path / "vehicles" / "rover.toml", "mine.py:Mine")).controller()
     assert mark.exists()
 
 
 @pytest.mark.parametrize("way", ["absolute", "upwards", "where the user stands", "by a link"])
-def test_a_vehicle_file_that_names_text_from_elsewhere_is_asked_for(tmp_path, mark, monkeypatch, way):
+def test_a_block_outside_the_folder_needs_permission(tmp_path, mark, monkeypatch, way):
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     home = tmp_path / "lab"
     kind = {"absolute": f"{outside_file}:Mine", "upwards": "../elsewhere/theirs.py:Mine"}.get(
@@ -114,7 +114,7 @@ def test_a_file_without_its_class_is_not_executed_to_list_its_classes(tmp_path, 
     assert not mark.exists()
 
 
-def test_a_run_that_names_text_of_this_folder_is_asked_for(tmp_path, mark):
+def test_a_block_named_by_a_run_needs_permission(tmp_path, mark):
     text_at(tmp_path / "mine.py", mark)
     run = read_run(run_that_names("mine.py:Mine", tmp_path / "sent.mcap"))
     with pytest.raises(FileError) as error_info:
@@ -125,7 +125,7 @@ def test_a_run_that_names_text_of_this_folder_is_asked_for(tmp_path, mark):
     assert mark.exists()
 
 
-def test_the_own_vehicle_file_of_the_folder_answers_for_its_blocks(tmp_path, mark):
+def test_blocks_named_by_the_own_vehicle_file_need_no_permission(tmp_path, mark):
     text_at(tmp_path / "mine.py", mark)
     vehicle_at(tmp_path / "vehicle.toml", "mine.py:Mine")
     replay(read_run(run_that_names("mine.py:Mine", tmp_path / "own.mcap")))
@@ -135,7 +135,7 @@ def test_the_own_vehicle_file_of_the_folder_answers_for_its_blocks(tmp_path, mar
 @pytest.mark.parametrize(
     "kind", ["{theirs}:Mine", "../elsewhere/theirs.py:Mine", "~/theirs.py:Mine", "~/no.py:Mine"]
 )
-def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, monkeypatch, kind):
+def test_a_block_path_of_a_run_outside_the_folder_is_never_executed(tmp_path, mark, monkeypatch, kind):
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     monkeypatch.setenv("HOME", str(outside_file.parent))
     lab = tmp_path / "lab"
@@ -150,7 +150,7 @@ def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, m
 
 
 @pytest.mark.parametrize("table", ["model", "sensors.imu"])
-def test_models_and_sensors_out_of_a_run_are_asked_for_too(tmp_path, mark, table):
+def test_models_and_sensors_named_by_a_run_need_permission(tmp_path, mark, table):
     text_at(tmp_path / "mine.py", mark)
     run = read_run(run_that_names("pd_feedforward", tmp_path / "sent.mcap"))
     kind_line = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
@@ -161,7 +161,7 @@ def test_models_and_sensors_out_of_a_run_are_asked_for_too(tmp_path, mark, table
     assert not mark.exists()
 
 
-def test_what_the_user_types_is_executed(tmp_path, mark):
+def test_a_block_typed_by_the_user_is_executed(tmp_path, mark):
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     load("small").controller(f"{outside_file}:Mine")
     assert mark.exists()
@@ -172,7 +172,7 @@ def test_what_the_user_types_is_executed(tmp_path, mark):
     assert mark.exists()
 
 
-def test_the_command_line_says_what_to_type_and_goes_on_with_it(tmp_path, mark, capsys):
+def test_the_command_line_advises_the_permission_option_and_accepts_the_option(tmp_path, mark, capsys):
     text_at(tmp_path / "mine.py", mark)
     run_that_names("mine.py:Mine", tmp_path / "sent.mcap")
     line = ["replay", "sent.mcap"]
@@ -195,7 +195,7 @@ def test_the_command_line_says_what_to_type_and_goes_on_with_it(tmp_path, mark, 
         )
 
 
-def test_the_truth_of_a_simulation_stands_beside_its_file(tmp_path):
+def test_a_simulated_truth_outside_the_folder_is_refused(tmp_path):
     load("small").save(tmp_path / "elsewhere.toml")
     file = tmp_path / "lab" / "vehicle.toml"
     file.parent.mkdir()
@@ -207,7 +207,7 @@ def test_the_truth_of_a_simulation_stands_beside_its_file(tmp_path):
 
 
 @pytest.mark.parametrize("checksum", ["0", "wrong"])
-def test_a_vehicle_text_without_its_checksum_is_not_believed(tmp_path, checksum):
+def test_a_vehicle_text_with_a_wrong_checksum_is_discarded(tmp_path, checksum):
     path = write_run(experiment(load("small"), np.zeros((5, 3))), tmp_path / "run.mcap")
     data = bytearray(path.read_bytes())
     at = data.index(b"max_yaw_rate_rad_s = 15.0") + len("max_yaw_rate_rad_s = 15.0\nimu_timeout_s = 0.5\n")

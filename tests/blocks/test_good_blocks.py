@@ -1,4 +1,5 @@
-"""Blocks that keep every promise: passed without a word, put into their room, compiled; a note says what cannot be."""
+"""Good blocks pass the check without findings, fit their package and are compiled; a note names a block that cannot be
+compiled."""
 
 import pytest
 
@@ -9,12 +10,12 @@ from .students import CONTROLLER, GOOD, findings_about
 
 
 @pytest.mark.parametrize("room", GOOD)
-def test_a_good_block_is_passed_without_a_word(tmp_path, room):
+def test_a_good_block_passes_the_check_without_findings(tmp_path, room):
     assert findings_about(tmp_path, room, GOOD[room]) == []
 
 
 @pytest.mark.parametrize("room", GOOD)
-def test_the_room_is_reported_by_the_class(tmp_path, room):
+def test_the_kind_of_a_block_is_detected_from_its_class(tmp_path, room):
     (tmp_path / "mine.py").write_text(GOOD[room], encoding="utf-8")
     assert room_of(resolve(room, "mine.py:Block", tmp_path)) == room
 
@@ -25,7 +26,7 @@ def test_a_block_in_plain_numpy_text_can_be_compiled(tmp_path, room):
     assert notes(room, resolve(room, "mine.py:Block", tmp_path)()) == []
 
 
-def test_a_block_that_decides_with_if_works_and_is_reported_what_it_costs(tmp_path):
+def test_a_block_with_an_if_works_and_gets_a_speed_note(tmp_path):
     text = CONTROLLER.replace(
         "        u = np", "        if e[0] > 0.5:\n            e = 0.5 * e\n        u = np"
     )
@@ -36,7 +37,7 @@ def test_a_block_that_decides_with_if_works_and_is_reported_what_it_costs(tmp_pa
     assert note.figures["cause"].code == "trace.decides"
 
 
-def test_a_block_that_says_something_else_when_compiled_is_reported_so(tmp_path):
+def test_a_block_with_different_compiled_output_is_reported(tmp_path):
     text = CONTROLLER.replace("return state + 1.0,", "return str(e[0]),")
     assert findings_about(tmp_path, "controller", text) == []
     (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())

@@ -1,4 +1,4 @@
-"""What is no block, or is in no room, or is written as neither a kind nor a file, is told."""
+"""An object that is not a block, or a name that is neither a kind nor a file, is refused."""
 
 from baqueano.block_checks import check
 from baqueano.blocks import resolve, room_of
@@ -6,7 +6,7 @@ from baqueano.errors import FileError, UsageError
 from tests.codes import refused
 
 
-def test_a_class_that_fits_no_room_is_reported_what_the_rooms_ask(tmp_path):
+def test_a_class_that_is_no_block_is_refused_with_its_arguments(tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Block:\n    def step(self, state, world):\n        pass\n", encoding="utf-8"
     )
@@ -20,12 +20,12 @@ def test_a_class_without_step_is_not_a_block(tmp_path):
         room_of(resolve("guide", "mine.py:Block", tmp_path))
 
 
-def test_a_room_that_is_not_there_is_reported():
+def test_an_unknown_kind_of_block_is_refused():
     with refused("block.room-unknown", UsageError, found="guides"):
         resolve("guides", "repeat")
 
 
-def test_a_kind_that_looks_like_a_file_is_reported_how_to_write_it():
+def test_a_block_file_without_a_class_is_refused_with_advice():
     with refused("block.unknown", FileError):
         resolve("guide", "mine.py")
 

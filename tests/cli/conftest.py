@@ -43,7 +43,7 @@ class DriveEnded(NamedTuple):
 
     @property
     def paragraph(self) -> str:
-        """The one paragraph of an error, without what was said before it."""
+        """The paragraph of an error, without earlier output."""
         message = self.err[self.err.index("baqueano: ") :]
         assert "Traceback" not in self.err
         assert "\n\n" not in message.strip()

@@ -74,12 +74,12 @@ def parse_line(words):
 LINES = list(advised())
 
 
-def test_lines_are_found():
+def test_more_than_fifty_advised_command_lines_are_checked():
     assert len(LINES) > 50
 
 
 @pytest.mark.parametrize(("place", "readings"), LINES, ids=[place for place, _ in LINES])
-def test_each_advised_line_can_be_typed(place, readings):
+def test_each_advised_command_line_can_be_parsed(place, readings):
     wrong = []
     for words in readings:
         try:
@@ -90,7 +90,7 @@ def test_each_advised_line_can_be_typed(place, readings):
     raise AssertionError(f"{place}: baqueano {' '.join(map(str, readings[0]))}: {wrong[0]!r}")
 
 
-def test_no_line_is_put_together_without_quotes():
+def test_every_advised_line_is_built_with_quoting():
     unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(VERBS)}) [^\"]*\{{")
     offenders = [
         path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))
@@ -98,13 +98,13 @@ def test_no_line_is_put_together_without_quotes():
     assert offenders == []
 
 
-def test_a_line_is_quoted_as_the_shell_wants_it(monkeypatch):
+def test_a_command_line_is_quoted_for_the_shell_of_the_system(monkeypatch):
     assert typed("runs", "show", "my runs/1.mcap") == "baqueano runs show 'my runs/1.mcap'"
     monkeypatch.setattr("os.name", "nt")
     assert typed("runs", "show", "my runs/1.mcap") == 'baqueano runs show "my runs/1.mcap"'
 
 
-def test_the_next_lines_of_a_new_project_can_be_typed(baqueano, tmp_path):
+def test_the_advised_lines_of_a_new_project_can_be_parsed(baqueano, tmp_path):
     end = baqueano("new", "my lab")
     line, then = (text.partition(": ")[2].strip() for text in end.err.strip().splitlines()[-2:])
     assert line == "cd 'my lab'"
@@ -117,14 +117,14 @@ def test_the_next_lines_of_a_new_project_can_be_typed(baqueano, tmp_path):
     )
 
 
-def test_a_run_that_holds_its_vehicle_is_replayed_by_the_line_that_compare_prints(baqueano):
+def test_the_replay_line_printed_by_compare_works(baqueano):
     assert baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap").code == 0
     line = baqueano("compare", "tiny.mcap").err.strip().splitlines()[-1].partition("to make one: ")[2]
     assert line == "baqueano replay tiny.mcap"
     assert baqueano(*shlex.split(line)[1:]).code == 0
 
 
-def test_a_key_of_another_quantity_is_not_offered(baqueano):
+def test_a_key_of_another_quantity_is_not_proposed(baqueano):
     end = baqueano("simulate", "--vehicle", "car", "--set", "model.mass_kg=-3")
     assert (end.code, end.reason.code) == (2, "vehicle.unknown-key")
     assert end.reason.figures["near"].code == "name.unknown"
@@ -132,14 +132,14 @@ def test_a_key_of_another_quantity_is_not_offered(baqueano):
     assert end.fix == "baqueano simulate --help"
 
 
-def test_a_block_of_the_command_line_is_not_blamed_on_the_file(baqueano):
+def test_an_error_in_a_block_option_does_not_blame_the_vehicle_file(baqueano):
     end = baqueano("sweep", "--vehicle", "small", "--controller", "lqrr")
     assert (end.code, end.reason.code) == (3, "cli.own-block")
     assert end.fix == "baqueano sweep --vehicle small --controller lqr"
     assert "line" not in end.paragraph
 
 
-def test_a_block_that_does_not_exist_leads_to_the_list_of_all(baqueano, lab):
+def test_an_unknown_block_is_refused_with_the_list_of_blocks(baqueano, lab):
     run = next((lab / "runs").glob("0001*"))
     end = baqueano("replay", str(run), "--vehicle", "small", "--estimator", "kalmann")
     assert end.reason.code == "cli.own-block"
@@ -147,7 +147,7 @@ def test_a_block_that_does_not_exist_leads_to_the_list_of_all(baqueano, lab):
     assert baqueano(*shlex.split(end.fix)[1:]).code == 0
 
 
-def test_an_empty_list_of_names_says_so():
+def test_an_empty_list_of_names_is_reported():
     near = nearest("lap", [])
     assert near.code == "name.none"
     assert "–" not in text(near)

@@ -1,4 +1,4 @@
-"""A file that cannot be used ends with exit code 3 and one paragraph: file, place, found, expected, next."""
+"""An unusable file ends with exit code 3 and one paragraph: file, place, value, expected value, remedy."""
 
 import json
 import re
@@ -42,7 +42,7 @@ def test_a_wrong_vehicle_file_is_reported_by_file_line_and_key(
     ("name", "code"),
     [("no.toml", "vehicle.absent"), ("smal", "vehicle.unknown"), ("e.toml", "toml.empty")],
 )
-def test_a_vehicle_file_that_is_not_there_is_reported(baqueano, tmp_path, name, code):
+def test_a_missing_vehicle_file_is_reported(baqueano, tmp_path, name, code):
     (tmp_path / "e.toml").touch()
     end = baqueano("simulate", "--vehicle", name, "--seconds", "1")
     assert end.code == 3
@@ -59,7 +59,7 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 @pytest.mark.parametrize("verb", ["runs show", "runs recover", "identify", "replay", "compare", "report"])
-def test_a_foreign_file_is_not_a_run_for_any_verb(baqueano, tmp_path, name, verb):
+def test_every_command_refuses_a_file_that_is_not_a_run(baqueano, tmp_path, name, verb):
     content, code = FOREIGN[name]
     (tmp_path / name).write_bytes(content)
     end = baqueano(*verb.split(), name)
@@ -70,14 +70,14 @@ def test_a_foreign_file_is_not_a_run_for_any_verb(baqueano, tmp_path, name, verb
 
 
 @pytest.mark.parametrize("verb", ["runs show", "runs recover", "identify", "replay", "compare", "report"])
-def test_a_missing_run_is_reported_with_what_there_is(baqueano, verb):
+def test_a_missing_run_is_reported(baqueano, verb):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
     assert (end.reason.code, end.reason.figures["found"]) == ("runs.unknown", "last")
     assert baqueano(*verb.split(), "no.mcap").reason.code == "runs.absent"
 
 
-def test_a_cut_run_is_read_as_far_as_it_goes_and_says_so(baqueano, lab, tmp_path):
+def test_a_truncated_run_is_read_to_its_end_with_a_warning(baqueano, lab, tmp_path):
     whole = (lab / "runs" / "0001-experiment.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: 2 * len(whole) // 3])
     listing = baqueano("runs", "show", "cut.mcap", "--json")
@@ -91,7 +91,7 @@ def test_a_cut_run_is_read_as_far_as_it_goes_and_says_so(baqueano, lab, tmp_path
     assert len((tmp_path / "cut.mcap").read_bytes()) == 2 * len(whole) // 3, "the original stays as it is"
 
 
-def test_a_run_of_which_nothing_is_left_is_reported(baqueano, lab, tmp_path):
+def test_an_unrecoverable_run_is_reported(baqueano, lab, tmp_path):
     (tmp_path / "cut.mcap").write_bytes((lab / "runs" / "0001-experiment.mcap").read_bytes()[:300])
     end = baqueano("report", "cut.mcap")
     assert end.code == 3
@@ -108,7 +108,7 @@ def test_an_empty_cut_is_refused_with_the_length_of_the_run(baqueano, lab):
     )
 
 
-def test_a_run_is_never_written_over(baqueano, tmp_path):
+def test_an_existing_run_is_never_overwritten(baqueano, tmp_path):
     (tmp_path / "mine.mcap").write_bytes(b"precious")
     for verb in ("experiment", "simulate"):
         end = baqueano(verb, "--vehicle", "small", "--seconds", "1", "-o", "mine.mcap")
@@ -132,7 +132,7 @@ HEAD = b"# closed = false\nt_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s\n"
         (HEAD[17:] + b"0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n", "route.closed-unsaid"),
     ],
 )
-def test_a_wrong_route_is_reported_before_anything_moves(baqueano, lab, tmp_path, content, code):
+def test_a_wrong_route_is_refused_before_the_drive(baqueano, lab, tmp_path, content, code):
     shutil.copytree(lab / "routes", tmp_path / "routes")
     shutil.copy(tmp_path / "routes" / "lab.csv", tmp_path / "routes" / "mine2.csv")
     if content is not None:

@@ -1,4 +1,4 @@
-"""`experiment --signal designed --rounds N --update`: the vehicle file gets what the last fit found."""
+"""`experiment --signal designed --rounds N --update` writes the last fit to the vehicle file."""
 
 import tomllib
 
@@ -22,10 +22,10 @@ def quick(monkeypatch):
 @pytest.fixture
 def one_noise(monkeypatch):
     """Error bars that take the noise for the same all along the run."""
-    monkeypatch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_piece: cov)
+    monkeypatch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
 
 
-def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick, one_noise, tmp_path):
+def test_the_last_round_is_written_and_starts_the_next_fit(baqueano, quick, one_noise, tmp_path):
     arguments = ("--signal", "designed", "--known", "--rounds", "2", "--seconds", "8", "--update", "--json")
     end = baqueano("experiment", "--vehicle", "small", "--robot", "simulated:small", *arguments)
     assert end.code == 0, end.err
@@ -46,7 +46,7 @@ def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick
 
 @pytest.mark.parametrize(("room", "code"), [("1.5,2", "room.unreadable"), ("0.1x0.1", "room.small")])
 @pytest.mark.parametrize("signal", ["designed", "multisine"])
-def test_a_room_is_read_before_anything_moves(baqueano, tmp_path, room, code, signal):
+def test_the_room_is_checked_before_the_drive(baqueano, tmp_path, room, code, signal):
     load("small").save(tmp_path / "vehicle.toml")
     end = baqueano("experiment", "--signal", signal, "--room", room)
     assert (end.code, end.reason.code) == (2, code)

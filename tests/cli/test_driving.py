@@ -121,7 +121,7 @@ def moving(run):
     return run.t_s[np.abs(run.applied[:, 0]) > 0.0]
 
 
-def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_path):
+def test_a_drive_by_keys_writes_a_run_and_restores_the_terminal(terminal, tmp_path):
     import termios
 
     screen = terminal(*DRIVE)
@@ -144,7 +144,7 @@ def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_p
     assert screen.output.rindex(b"\x1b[?25h") > screen.output.rindex(b"\x1b[?25l")
 
 
-def test_a_set_point_below_the_dead_zone_of_the_file_is_reported_on_the_screen(terminal):
+def test_a_set_point_below_the_dead_zone_is_reported_on_screen(terminal):
     screen = terminal(*DRIVE, "--latched", kitty=False)
     screen.until(rb"terminal \d+ ms")
     screen.type(b"w")
@@ -168,7 +168,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, l
     assert b"\x1b[?25h" in screen.output
 
 
-def test_rt12_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(terminal, tmp_path):
+def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(terminal, tmp_path):
     screen = terminal(*DRIVE)
     screen.until(rb"terminal \d+ ms")
     screen.type(W_DOWN)
@@ -198,7 +198,7 @@ def test_a_terminal_that_never_answers_is_driven_by_single_keys(terminal, tmp_pa
     assert run.applied[-1, 0] == 0.0
 
 
-def test_space_is_a_stop(terminal, tmp_path):
+def test_the_space_bar_stops_the_vehicle(terminal, tmp_path):
     screen = terminal(*DRIVE)
     screen.until(rb"terminal \d+ ms")
     screen.type(W_DOWN)
@@ -208,7 +208,7 @@ def test_space_is_a_stop(terminal, tmp_path):
     assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.DRIVER
 
 
-def test_teach_with_keys_leaves_a_route(terminal, tmp_path):
+def test_teaching_with_keys_writes_a_route(terminal, tmp_path):
     screen = terminal("teach", "lab", "--driver", "keys", *DRIVE[1:])
     screen.until(rb"terminal \d+ ms")
     screen.type(W_DOWN)
@@ -218,19 +218,19 @@ def test_teach_with_keys_leaves_a_route(terminal, tmp_path):
     assert (tmp_path / "routes" / "lab.csv").exists()
 
 
-def test_without_a_terminal_it_says_what_to_type(baqueano):
+def test_driving_without_a_terminal_is_refused_with_advice(baqueano):
     end = baqueano("drive", "--vehicle", "small")
     assert end.code == 2
     assert "ssh -t" in end.paragraph
 
 
-def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
+def test_driving_the_emulated_vehicle_by_keys_is_refused(baqueano):
     end = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
     assert end.code == 2
     assert end.reason.code == "cli.emulated-by-hand"
 
 
-def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
+def test_the_scale_from_marks_is_reported_and_written_to_the_file(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **options: run)
     end = baqueano("drive", "--vehicle", "small", "--json")
@@ -243,7 +243,7 @@ def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano
     assert vehicle_file.load("vehicle.toml").sensors.imu.gyro_scale == row["sensors.imu.gyro_scale"]
 
 
-def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
+def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
         "baqueano.cli.driving.drive.by_hand", lambda *args, **options: replace(run, events=run.events[-1:])
@@ -251,7 +251,7 @@ def test_a_drive_without_marks_says_what_they_are_for(baqueano, monkeypatch):
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 
 
-def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, baqueano, capsys):
+def test_a_program_that_answers_for_the_terminal_is_named(monkeypatch, baqueano, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
     monkeypatch.setattr(
         "baqueano.drive.by_hand.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"]
@@ -261,7 +261,7 @@ def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, b
     assert end.code == 2
 
 
-def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
+def test_heading_control_is_on_unless_the_user_disables_heading_control(terminal, tmp_path):
     text = vehicle_file.override(vehicle_file.load("small"), ("model.drivetrain.gain=[1.1,0.9]",)).text
     (tmp_path / "unequal.toml").write_text(text, encoding="utf-8")
     for words, pattern in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
@@ -276,7 +276,7 @@ def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
         assert np.any(read_run(tmp_path / out).requested[:, 2]) == (not words)
 
 
-def test_who_does_not_drive_holds_nothing(baqueano):
+def test_the_heading_option_needs_a_driver_at_keys(baqueano):
     end = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
     assert end.code == 2
     assert (end.reason.code, end.reason.figures["driver"]) == ("cli.hand-options", "circle")

@@ -1,4 +1,4 @@
-"""What the newcomer meets on the way from `make demo` to a drive, and what leads on."""
+"""The first steps of a new user, from `make demo` to a drive, and the advised next steps."""
 
 import sys
 from inspect import signature
@@ -15,7 +15,7 @@ from baqueano.runs.folder import find
 from baqueano.vehicle_file import Provenance, garage_names, load, parse
 
 
-def test_the_demo_names_the_program_as_it_is_called_in_this_shell(tmp_path, monkeypatch):
+def test_the_demo_prints_the_program_name_of_this_shell(tmp_path, monkeypatch):
     program = tmp_path / "baqueano"
     program.touch(mode=0o755)
     monkeypatch.setattr(sys, "argv", [str(program), "demo"])
@@ -25,7 +25,7 @@ def test_the_demo_names_the_program_as_it_is_called_in_this_shell(tmp_path, monk
     assert demo.typed_here() == "baqueano"
 
 
-def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
+def test_a_second_demo_uses_a_new_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert demo.free_folder() == Path("demo")
     for name in ("demo", "demo-2"):
@@ -41,7 +41,7 @@ def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
         assert defaults[name] == signature(rehearse).parameters[name].default == 0.1
 
 
-def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baqueano, tmp_path, monkeypatch):
+def test_a_new_vehicle_gets_measuring_advice_until_a_fit(baqueano, tmp_path, monkeypatch):
     advice = "Measure it first: baqueano experiment, then baqueano identify last --update"
     assert "guesses" in baqueano("new", "mylab").err
     monkeypatch.chdir(tmp_path / "mylab")
@@ -71,7 +71,7 @@ def test_a_new_project_drives_another_vehicle_than_its_file_describes(baqueano, 
         guesses, true = guess.value(key), guess.truth.value(key)
         assert np.all(np.abs(guesses - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
         sds = [origin.sd for origin in guess.provenance.values() if origin.sd is not None]
-        assert sds, "a guess says how far off it may be"
+        assert sds, "a guess states its possible error"
     guess, u = load(tmp_path / "small" / "vehicle.toml"), np.tile([0.6, 0.0, 0.1], (100, 1))
     assert experiment(guess, u) == experiment(guess, u, truth=load("small"))
     assert experiment(guess, u) != experiment(guess, u, truth=guess)
@@ -79,7 +79,7 @@ def test_a_new_project_drives_another_vehicle_than_its_file_describes(baqueano, 
     assert "simulated: small (named in vehicle.toml" in baqueano("experiment", "--seconds", "1").err
 
 
-def test_a_truth_that_is_not_there_is_named(baqueano, tmp_path, monkeypatch):
+def test_a_missing_truth_file_is_named(baqueano, tmp_path, monkeypatch):
     baqueano("new", "mylab")
     monkeypatch.chdir(tmp_path / "mylab")
     text = Path("vehicle.toml").read_text(encoding="utf-8")
@@ -126,16 +126,16 @@ def test_a_file_before_any_fit_replays_a_run_with_any_estimator(baqueano, kind):
     assert "noise of imu" in end.err
 
 
-def test_noise_that_the_file_names_is_believed_as_it_stands():
+def test_noise_stated_in_the_file_is_used_unchanged():
     half = parse(BARE + "accel_noise_std = [0.2, 0.0]\ngyro_noise_std = 0.01\n", "half.toml")
     assert half.noiseless == ("imu",)
     np.testing.assert_allclose(np.diag(half.estimator().sensors.imu.cov), [0.04, 0.01, 0.0001])
-    assert not half.sensors.imu.cov[1, 1], "a simulated one is as the file says"
+    assert not half.sensors.imu.cov[1, 1], "the simulated vehicle is that of the file"
     whole = parse(BARE + "accel_noise_std = [0.2, 0.1]\ngyro_noise_std = 0.01\n", "whole.toml")
     assert (whole.noiseless, whole.estimator().sensors is whole.sensors) == ((), True)
 
 
-def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path, monkeypatch):
+def test_measuring_advice_names_the_vehicle_and_its_path(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     load("small").save(tmp_path / "my vehicle.toml")
     options.advise_to_measure(load("my vehicle.toml"), "simulated:small")
@@ -148,20 +148,20 @@ def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path, monkeypa
     assert "baqueano experiment --vehicle small --robot pilot@rover.local" in printed
 
 
-def test_a_vehicle_of_the_garage_is_its_own_truth_in_a_simulation_and_is_not_advised(capsys):
+def test_no_measuring_advice_for_a_simulated_garage_vehicle(capsys):
     options.advise_to_measure(load("small"))
     options.advise_to_measure(load("small"), "emulated")
     assert not capsys.readouterr().err
 
 
-def test_a_vehicle_that_was_measured_begins_a_project_without_being_called_a_guess(baqueano, tmp_path):
+def test_a_measured_vehicle_is_not_called_a_guess_in_a_project(baqueano, tmp_path):
     fitted = {"model.mass_kg": Provenance("0001-experiment", verdict="USABLE")}
     load("small").with_values({}, fitted).save(tmp_path / "mine.toml")
     assert "guess" not in baqueano("new", "mylab", "--vehicle", "mine.toml").err
     assert "model" not in load(tmp_path / "mylab" / "vehicle.toml").provenance
 
 
-def test_the_simulation_of_a_project_of_ones_own_vehicle_is_not_its_guess(baqueano, tmp_path):
+def test_the_simulated_truth_of_a_project_differs_from_its_guess(baqueano, tmp_path):
     real = load("small").with_values({"model.mass_kg": 0.7})
     real.save(tmp_path / "mine.toml")
     assert baqueano("new", "mylab", "--vehicle", "mine.toml").code == 0
@@ -170,10 +170,10 @@ def test_the_simulation_of_a_project_of_ones_own_vehicle_is_not_its_guess(baquea
     assert project.value(key).tolist() == real.value(key).tolist()
     ratio = project.truth.value(key) / project.value(key)
     assert ((ratio > 0.5) & (ratio < 2.0) & (abs(ratio - 1.0) > 1e-3)).all()
-    assert project.truth.value("model.mass_kg") == 0.7, "a scale tells it"
+    assert project.truth.value("model.mass_kg") == 0.7, "a scale measures it"
 
 
-def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano, tmp_path, monkeypatch):
+def test_simulate_uses_the_project_truth_or_the_model_on_request(baqueano, tmp_path, monkeypatch):
     assert baqueano("new", "mylab").code == 0
     monkeypatch.chdir(tmp_path / "mylab")
     ends = [
@@ -191,7 +191,7 @@ def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano
     )
 
 
-def test_a_shape_that_is_too_fast_to_follow_is_reported_with_a_speed(baqueano, tmp_path):
+def test_a_shape_too_fast_to_follow_is_refused_with_a_speed(baqueano, tmp_path):
     end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
     assert end.code == 1
     assert (end.reason.code, end.reason.figures["speed_m_s"]) == ("cli.not-followed", 3.0)
@@ -199,7 +199,7 @@ def test_a_shape_that_is_too_fast_to_follow_is_reported_with_a_speed(baqueano, t
     assert not (tmp_path / "routes").exists()
 
 
-def test_who_compares_a_run_without_an_estimate_is_reported_how_to_make_one(baqueano):
+def test_comparing_a_run_without_an_estimate_advises_a_replay(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "1")
     end = baqueano("compare", "1")
     assert end.code == 0

@@ -1,4 +1,4 @@
-"""What `identify --held-out` answers: its verdict stands in words, in --json, in the exit code and in the file."""
+"""`identify --held-out` reports its verdict in words, in --json, in the exit code and in the file."""
 
 import pytest
 
@@ -23,7 +23,7 @@ def identify_against(baqueano, tmp_path):
     return lambda *held_out: baqueano("identify", "own.mcap", *words, "--held-out", *held_out)
 
 
-def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(identify_against, tmp_path):
+def test_a_fit_refused_by_validation_does_not_change_the_file(identify_against, tmp_path):
     before = (tmp_path / "my.toml").read_text()
     end = identify_against("turned.mcap")
     assert end.code == 1
@@ -35,7 +35,7 @@ def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(identify_again
     assert (tmp_path / "my.toml").read_text() == before
 
 
-def test_too_little_motion_is_not_proof(identify_against, tmp_path):
+def test_too_little_motion_does_not_validate_a_fit(identify_against, tmp_path):
     end = identify_against("short.mcap", "--json")
     assert end.code == 0
     verdict = end.reply["rows"][-1]
@@ -44,7 +44,7 @@ def test_too_little_motion_is_not_proof(identify_against, tmp_path):
     assert load(tmp_path / "my.toml").envelope.run == "own"
 
 
-def test_a_replay_says_that_a_run_leaves_the_envelope(identify_against, baqueano, tmp_path):
+def test_a_replay_reports_that_the_run_leaves_the_envelope(identify_against, baqueano, tmp_path):
     identify_against("short.mcap")
     file = load("my.toml")
     slow = file.envelope._replace(low=0.3 * file.envelope.low, high=0.3 * file.envelope.high)

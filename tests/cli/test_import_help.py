@@ -1,4 +1,4 @@
-"""Who has a recording and no manual: the help shows a map, and what is typed wrong leads there."""
+"""The help shows a user with a recording the format of a map, and errors refer to this help."""
 
 import re
 import shlex
@@ -14,7 +14,7 @@ from baqueano.runs.maps.column_map import load_map, maps_folder
 from tests.codes import refused
 
 
-def test_the_map_in_the_help_is_a_map(tmp_path):
+def test_the_map_in_the_help_is_valid(tmp_path):
     text = A_MAP.partition("\b\n")[2]
     assert tomllib.loads(text)["name"] == "rover"
     (tmp_path / "rover.toml").write_text(text, encoding="utf-8")
@@ -23,12 +23,12 @@ def test_the_map_in_the_help_is_a_map(tmp_path):
     assert [len(signal.entries) for signal in (signal_map.command, signal_map.sensors["imu"])] == [2, 3]
 
 
-def test_the_help_shows_the_map_as_it_is(baqueano):
+def test_the_help_prints_the_map_unchanged(baqueano):
     assert "\n  [command]\n" in baqueano("runs", "import", "--help").out
 
 
 @pytest.mark.parametrize("file_name", ["log.csv", "drive.mcap"])
-def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, file_name):
+def test_a_recording_given_as_a_map_is_refused(baqueano, tmp_path, file_name):
     (tmp_path / file_name).write_bytes(b"t;\xb0/s\n")
     end = baqueano("runs", "import", file_name)
     assert end.code == 3
@@ -36,7 +36,7 @@ def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, fil
     assert end.fix == f"baqueano runs import {file_name} --draft {file_name.partition('.')[0]}.toml"
 
 
-def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
+def test_a_map_is_recognised_by_its_content(baqueano, tmp_path):
     text = A_MAP.partition("\b\n")[2]
     (tmp_path / "rover.map").write_text(text, encoding="utf-8")
     assert load_map(tmp_path / "rover.map").name == "rover"
@@ -48,7 +48,7 @@ def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
 
 
 @pytest.mark.parametrize("rows", [b"t,ax\n0.0,0.1\n", b"t;\xb0/s\n"])
-def test_a_recording_of_the_same_name_hides_no_map_that_comes_with_baqueano(tmp_path, monkeypatch, rows):
+def test_a_recording_does_not_hide_a_built_in_map(tmp_path, monkeypatch, rows):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mpu6050").write_bytes(rows)
     assert load_map("mpu6050").path == maps_folder() / "mpu6050.toml"
@@ -56,14 +56,14 @@ def test_a_recording_of_the_same_name_hides_no_map_that_comes_with_baqueano(tmp_
     assert load_map("mpu6050").name == "rover"
 
 
-def test_no_more_of_a_long_recording_is_read_than_a_map_has(tmp_path, monkeypatch):
+def test_map_detection_reads_only_the_start_of_a_long_recording(tmp_path, monkeypatch):
     monkeypatch.setattr("baqueano.runs.maps.column_map.LONGEST", 1000)
     (tmp_path / "log.csv").write_bytes(b"t,ax\n" + b"0.0,0.1\n" * 2000 + b"\xff")
     with refused("map.recording-or-wrong", FileError, line=1, column=2):
         load_map(tmp_path / "log.csv")
 
 
-def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, tmp_path):
+def test_one_imported_run_is_written_to_the_reported_folder(baqueano, tmp_path):
     (tmp_path / "rover.toml").write_text(
         A_MAP.partition("\b\n")[2].split("[sensors.imu]")[0], encoding="utf-8"
     )
@@ -91,13 +91,13 @@ def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, t
     assert (tmp_path / "here.mcap").is_file()
 
 
-def test_a_cut_of_nothing_is_refused(baqueano, tmp_path):
+def test_an_empty_cut_is_refused(baqueano, tmp_path):
     end = baqueano("runs", "cut", "1")
     assert (end.code, end.out) == (2, "")
     assert (end.reason.code, end.fix) == ("cli.cut-nothing", "baqueano runs cut 1 --from 2 --to 30")
 
 
-def test_the_list_that_is_named_for_a_missing_run_can_be_typed(baqueano, tmp_path):
+def test_the_advised_list_command_for_a_missing_run_works(baqueano, tmp_path):
     end = baqueano("runs", "show", "no.mcap")
     assert end.code == 3
     assert baqueano(*end.fix.split()[1:]).code == 0
@@ -106,7 +106,7 @@ def test_the_list_that_is_named_for_a_missing_run_can_be_typed(baqueano, tmp_pat
 LOG = "time_ms,left_pwm,right_pwm,left_rpm,right_rpm,ax_g,ay_g,gyro_dps,x_mm,y_mm,yaw_deg,note\n"
 
 
-def test_a_draft_of_a_map_is_a_map(baqueano, tmp_path):
+def test_a_draft_of_a_map_is_a_valid_map(baqueano, tmp_path):
     rows = "".join(f"{20 * k},{k % 200},100,10,10,0,0,{k % 7},{k},0,0,a\n" for k in range(60))
     (tmp_path / "log.csv").write_text(LOG + rows, encoding="utf-8")
     assert baqueano("runs", "import", "log.csv").fix == "baqueano runs import log.csv --draft log.toml"
@@ -124,7 +124,7 @@ def test_a_draft_of_a_map_is_a_map(baqueano, tmp_path):
     assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").reason.code == "cli.file-exists"
 
 
-def test_a_unit_that_no_name_says_is_asked_for(baqueano, tmp_path):
+def test_an_unknown_unit_must_be_stated_by_the_user(baqueano, tmp_path):
     (tmp_path / "log.csv").write_text(
         "t,gyro\n" + "".join(f"{0.02 * k},{k}\n" for k in range(9)), encoding="utf-8"
     )
@@ -133,7 +133,7 @@ def test_a_unit_that_no_name_says_is_asked_for(baqueano, tmp_path):
     assert (end.reason.code, end.reason.figures["found"]) == ("map.wrong", "'?'")
 
 
-def test_a_sensor_at_rest_needs_no_command(baqueano, tmp_path):
+def test_a_recording_at_rest_needs_no_command(baqueano, tmp_path):
     text = A_MAP.partition("\b\n")[2]
     start, end = text.index("[command]"), text.index("[sensors.imu]")
     (tmp_path / "rest.toml").write_text(text[:start] + text[end : text.index("[truth]")], encoding="utf-8")

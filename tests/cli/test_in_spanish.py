@@ -1,5 +1,5 @@
-"""All that a command prints passes through gettext: with a catalogue of strange letters, plain English words give away
-what does not. Names, keys and lines to type stay as they are typed."""
+"""All output of a command passes through gettext: with a catalogue of strange letters, untranslated English words are
+detected. Names, keys and command lines are not translated."""
 
 import gettext
 import html
@@ -136,11 +136,11 @@ def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("line", VERBS)
-def test_a_verb_prints_no_english_beside_its_translation(line, in_lab, in_strange_letters, capsys):
+def test_a_command_prints_no_english_with_a_translation(line, in_lab, in_strange_letters, capsys):
     assert not english_in(said_by(line, capsys))
 
 
-def test_help_that_was_in_english_first_is_translated_when_it_is_asked_for_again(in_strange_letters, capsys):
+def test_help_is_translated_after_an_earlier_english_call(in_strange_letters, capsys):
     with pytest.raises(SystemExit):
         main(["tune", "--help"])
     assert not english_in(said_by("tune --help", capsys))
@@ -155,7 +155,7 @@ def helps():
             yield f"{name} {each}", verb
 
 
-def test_each_option_says_what_it_does():
+def test_each_option_has_a_help_text():
     silent = [
         f"{name} {param.opts[0]}"
         for name, command in helps()
@@ -165,7 +165,7 @@ def test_each_option_says_what_it_does():
     assert silent == []
 
 
-def test_help_in_spanish_is_in_the_third_person_and_has_one_wording_for_a_default():
+def test_spanish_help_uses_the_third_person_and_one_default_wording():
     language.choose("es")
     try:
         wordings = [
@@ -193,7 +193,7 @@ def test_the_names_of_values_are_spanish(capsys):
     assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", help_text)
 
 
-def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, capsys):
+def test_comments_of_map_drafts_and_new_projects_are_in_spanish(in_lab, capsys):
     Path("odd.csv").write_text("a,b\n1,2\n3,4\n5,6\n", encoding="utf-8")
     try:
         said_by("runs import odd.csv --draft odd.toml", capsys)
@@ -208,7 +208,7 @@ def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, cap
         assert [comment for comment in comments if WORD.search(comment.partition(":")[0])] == []
 
 
-def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_letters, capsys):
+def test_a_spanish_report_contains_no_english(in_lab, in_strange_letters, capsys):
     said_by("report 2 -o page.html", capsys)
     page = Path("page.html").read_text(encoding="utf-8")
     body = re.sub(
@@ -229,7 +229,7 @@ def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
     assert re.search(r"\d,\d", figures_text)
 
 
-def test_files_and_json_keep_points_and_english(in_lab, capsys):
+def test_files_and_json_retain_decimal_points_and_english(in_lab, capsys):
     try:
         reply = said_by("compare 1 --json", capsys)
         said_by("simulate --vehicle small --seconds 0.3 -o tiny.mcap", capsys)
@@ -240,7 +240,7 @@ def test_files_and_json_keep_points_and_english(in_lab, capsys):
     assert not re.search(r": -?\d+,\d", reply)
 
 
-def test_the_steps_on_the_vehicle_speak_the_language_of_the_laptop(in_strange_letters):
+def test_steps_on_the_vehicle_use_the_language_of_the_laptop(in_strange_letters):
     from baqueano.robot.setup.install import steps_in_this_language
 
     with language.within("es"):
@@ -250,7 +250,7 @@ def test_the_steps_on_the_vehicle_speak_the_language_of_the_laptop(in_strange_le
     assert scope["_"]("{user} is in {groups}", user="ana", groups="i2c") == f"ana {strange('is in')} i2c"
 
 
-def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
+def test_import_warnings_are_stored_as_data_in_english(in_lab, capsys):
     try:
         said_by("runs import w.toml log.csv -o imported.mcap", capsys)
         run = read_run("imported.mcap")
@@ -265,7 +265,7 @@ def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
         language.choose("")
 
 
-def test_a_new_project_explains_itself_in_spanish(in_lab, capsys):
+def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
     try:
         said_by("new proyecto", capsys)
     finally:

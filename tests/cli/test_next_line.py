@@ -1,4 +1,4 @@
-"""After an error stands a command that goes further, spelt as it is typed; never the one that failed, as it was."""
+"""After an error, a helpful command is printed as it must be typed; the failed command is never advised unchanged."""
 
 import pytest
 
@@ -18,11 +18,11 @@ from baqueano.messages import Argument
         ("laps", "", "laps", "--laps"),
     ],
 )  # fmt: skip
-def test_an_argument_is_written_as_python_has_it_and_as_it_is_typed(name, value, python, line):
+def test_an_argument_is_formatted_for_python_or_for_the_shell(name, value, python, line):
     assert (format(Argument(name), value), format(Option(name), value)) == (python, line)
 
 
-def test_every_option_that_stands_for_an_argument_is_one_of_the_verb():
+def test_every_option_for_an_argument_belongs_to_its_command():
     options = {option for param in command.params for option in param.opts}
     assert {option for option, _ in OPTIONS.values()} <= options
 
@@ -39,7 +39,7 @@ def test_every_option_that_stands_for_an_argument_is_one_of_the_verb():
         ("experimnt", "experiment"),
     ],
 )
-def test_a_name_that_was_mistyped_is_put_right_in_the_command(baqueano, lab, tmp_path, line, put_right):
+def test_a_mistyped_name_is_corrected_in_the_advised_command(baqueano, lab, tmp_path, line, put_right):
     (tmp_path / "good.mcap").write_bytes((lab / "runs" / "0001-experiment.mcap").read_bytes())
     (tmp_path / "mine.toml").touch()
     end = baqueano(*line.split())
@@ -47,16 +47,16 @@ def test_a_name_that_was_mistyped_is_put_right_in_the_command(baqueano, lab, tmp
     assert end.fix == f"baqueano {put_right}"
 
 
-def test_the_options_of_a_verb_of_a_group_are_those_of_the_verb(baqueano):
+def test_help_advice_of_a_subcommand_names_the_subcommand(baqueano):
     end = baqueano("robot", "card", "bootfs", "--name", "rover", "--wifi", "net", "--own-network")
     assert (end.code, end.reason.code, end.fix) == (2, "cli.one-radio", "baqueano robot card --help")
 
 
-def test_a_run_that_is_not_there_is_looked_for_in_the_list(baqueano):
+def test_a_missing_run_leads_to_the_list_of_runs(baqueano):
     assert baqueano("identify", "77").fix == "baqueano runs ls"
 
 
-def test_a_path_that_is_not_there_is_answered_with_what_is(tmp_path, monkeypatch):
+def test_a_missing_path_is_answered_with_existing_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     args, cause = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
     advice = next_line(cause, 3, args)
@@ -70,7 +70,7 @@ def test_a_path_that_is_not_there_is_answered_with_what_is(tmp_path, monkeypatch
     assert (figures["files"], figures["more"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
 
 
-def test_a_file_that_is_to_be_mended_is_not_followed_by_the_same_command():
+def test_a_damaged_file_does_not_advise_the_same_command():
     assert (
         next_line(fault("toml.syntax", file="mine.toml"), 3, ["experiment", "--vehicle", "mine.toml"]) is None
     )
@@ -87,7 +87,7 @@ def test_a_file_that_is_to_be_mended_is_not_followed_by_the_same_command():
         ("experiment --set model.mass_kg=0,7", "experiment --set model.mass_kg=0.7"),
     ],
 )  # fmt: skip
-def test_a_decimal_comma_is_named_and_put_right(baqueano, line, right):
+def test_a_decimal_comma_is_reported_and_corrected(baqueano, line, right):
     end = baqueano(*line.split(), *(["--vehicle", "small"] if not line.startswith("compare") else []))
     assert (end.code, end.ending.next.code) == (2, "next.decimal-comma")
     assert end.fix.startswith(f"baqueano {right}")
@@ -98,7 +98,7 @@ def test_the_two_numbers_of_a_bound_are_not_a_decimal_comma():
     assert next_line(fault("cli.usage"), 2, args).code == "next.options"
 
 
-def test_an_error_that_brings_its_own_line_or_is_an_answer_gets_no_other():
+def test_an_error_with_its_own_advice_gets_no_second_advice():
     inside = fault("cli.own-block", cause=fault("block.unknown", "baqueano blocks ls"))
     assert next_line(fault("cli.hand-options", "--driver keys"), 2, ["teach"]) is None
     assert next_line(inside, 3, ["repeat"]) is None

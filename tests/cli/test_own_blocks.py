@@ -85,7 +85,7 @@ class Mine:
 """
 
 
-def test_a_guide_in_a_plain_class_is_repeated_for_its_laps(project, tmp_path):
+def test_a_guide_of_a_plain_class_is_repeated_for_its_laps(project, tmp_path):
     (tmp_path / "mine.py").write_text(PLAIN_GUIDE)
     end = project("repeat", "lab", *SMALL, "--guide", "mine.py:Mine", "--laps", "2", "--json")
     assert end.code == 0, end.err
@@ -104,7 +104,7 @@ def own_controller(folder, k):
     return path
 
 
-def test_gains_that_stand_in_the_code_of_a_controller_are_found_and_written(project, tmp_path):
+def test_gains_declared_in_controller_code_are_tuned_and_written(project, tmp_path):
     own_file = own_controller(
         tmp_path, 'parameter("unit of u per m", "ahead", low=0.0, high=30.0, default=0.5)'
     )
@@ -118,7 +118,7 @@ def test_gains_that_stand_in_the_code_of_a_controller_are_found_and_written(proj
     assert updated_file.value("controller.k") == pytest.approx(row["value"])
 
 
-def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tmp_path):
+def test_a_tuned_file_is_readable_without_the_controller_code(project, tmp_path):
     own_file = load(own_controller(tmp_path, 'parameter("unit of u per m", "ahead", default=0.5)'))
     tuned_file = own_file.with_values(
         {"controller.k": 2.0}, {"controller.k": {"run": "tune", "verdict": "USABLE"}}
@@ -127,7 +127,7 @@ def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tm
     assert parse(tuned_file.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
 
 
-def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_the_search(project, tmp_path):
+def test_a_controller_without_declared_gains_is_refused_before_tuning(project, tmp_path):
     own_file = own_controller(tmp_path, "0.5")
     end = project("tune", "--vehicle", str(own_file), "--route", "lab")
     assert end.code == 2
@@ -135,7 +135,7 @@ def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_th
     assert "k: float = parameter(" in end.paragraph
 
 
-def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tmp_path):
+def test_a_block_path_without_a_class_is_answered_with_class_names(project, tmp_path):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
     for line in ("blocks check mine.py", "repeat lab --vehicle small --controller mine.py"):
         end = project(*line.split())
@@ -146,7 +146,7 @@ def test_a_file_without_its_class_is_answered_with_the_classes_in_it(project, tm
 @pytest.mark.parametrize(
     ("mistyped", "right"), [("min.py:Mine", "mine.py:Mine"), ("mine.py:Mina", "mine.py:Mine")]
 )
-def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp_path, mistyped, right):
+def test_a_mistyped_part_of_a_block_path_is_corrected(project, tmp_path, mistyped, right):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
     end = project("repeat", "lab", "--vehicle", "small", "--controller", mistyped)
     assert end.fix == f"baqueano repeat lab --vehicle small --controller {right}"
@@ -163,7 +163,9 @@ def test_a_mistyped_half_of_a_block_is_put_right_and_the_other_kept(project, tmp
         ("return None", "np.zeros(3)", "returned nothing, expected (state, output)"),
     ],
 )
-def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_path, room, line, u, message):
+def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_complete(
+    project, tmp_path, room, line, u, message
+):
     (tmp_path / "mine.py").write_text(ROOMS[room].format(line=line, u=u), encoding="utf-8")
     end = project("repeat", "lab", f"--{room}", "mine.py:Mine", *SMALL, "--json")
     assert end.code == 5, end.err
@@ -182,7 +184,7 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_whole(project, tmp_
     assert not run.sent[1:].any()
 
 
-def test_a_block_that_fails_later_keeps_what_was_recorded_before(project, tmp_path):
+def test_a_late_block_failure_does_not_lose_recorded_data(project, tmp_path):
     line = "assert estimate.t_ns < 1_000_000_000, 'late'"
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line=line, u="np.zeros(3)"), encoding="utf-8")
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
@@ -191,7 +193,7 @@ def test_a_block_that_fails_later_keeps_what_was_recorded_before(project, tmp_pa
     assert read_run(tmp_path / "runs" / "0001-repeat.mcap").duration_s == pytest.approx(2.0, abs=0.05)
 
 
-def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
+def test_a_block_whose_init_raises_writes_no_run(project, tmp_path):
     text = CONTROLLER.format(line="pass", u="np.zeros(3)").replace(
         "return None", 'raise OSError("no port")', 1
     )
@@ -214,7 +216,7 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
         (None, "Mine", ("block.file-absent", "found", "mine.py")),
     ],
 )  # fmt: skip
-def test_a_block_that_cannot_be_loaded_is_reported_before_anything_moves(
+def test_a_block_that_cannot_be_loaded_is_refused_before_the_drive(
     project, tmp_path, room, text, name, message
 ):
     if text is not None:
@@ -228,7 +230,7 @@ def test_a_block_that_cannot_be_loaded_is_reported_before_anything_moves(
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
-def test_a_replay_through_a_broken_estimator_says_so(project, lab, tmp_path):
+def test_a_replay_with_a_broken_estimator_is_an_error(project, lab, tmp_path):
     text = ESTIMATOR.format(line='raise ValueError("boom")', u="np.zeros(3)")
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     run = str(lab / "runs" / "0001-experiment.mcap")
@@ -238,7 +240,7 @@ def test_a_replay_through_a_broken_estimator_says_so(project, lab, tmp_path):
     assert "raised ValueError: boom" in end.paragraph
 
 
-def test_the_check_says_in_words_what_is_wrong_with_a_block(project, tmp_path):
+def test_the_block_check_reports_each_fault_with_a_code(project, tmp_path):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(2)"), encoding="utf-8")
     end = project("blocks", "check", "mine.py:Mine", "--json")
     assert end.code == 1
@@ -251,9 +253,7 @@ def test_the_check_says_in_words_what_is_wrong_with_a_block(project, tmp_path):
 @pytest.mark.parametrize(
     "command", ["blocks check mine.py:Mine", "blocks check mine.py", "repeat lab --controller mine.py:Mine"]
 )
-def test_a_file_that_ends_the_program_while_it_is_read_is_named_with_its_line(
-    project, tmp_path, line, command
-):
+def test_a_block_file_that_exits_on_import_is_named_with_its_line(project, tmp_path, line, command):
     text = CONTROLLER.format(line="pass", u="np.zeros(3)")
     (tmp_path / "mine.py").write_text(f"import sys\n{line}\n{text}", encoding="utf-8")
     end = project(*command.split())
@@ -264,7 +264,7 @@ def test_a_file_that_ends_the_program_while_it_is_read_is_named_with_its_line(
 
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize("line", ["raise SystemExit(0)", "raise GeneratorExit", "raise KeyboardInterrupt"])
-def test_a_block_that_would_end_the_program_is_a_finding_of_the_check(project, tmp_path, room, line):
+def test_the_block_check_reports_a_block_that_ends_the_program(project, tmp_path, room, line):
     text = ROOMS[room].format(line=line, u="np.zeros(3)")
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     end = project("blocks", "check", "mine.py:Mine", "--json")
@@ -275,7 +275,7 @@ def test_a_block_that_would_end_the_program_is_a_finding_of_the_check(project, t
 
 
 @pytest.mark.parametrize("line", ["sys.exit(0)", "raise KeyboardInterrupt", "1 / 0"])
-def test_a_block_that_fails_where_nobody_guards_it_is_a_fault_of_its_file(project, tmp_path, line):
+def test_an_unguarded_block_failure_is_attributed_to_its_file(project, tmp_path, line):
     text = f"import sys\nclass Mine:\n    @property\n    def laps(self):\n        {line}\n"
     text += "    def init(self): return 0\n    def step(self, state, estimate): return state, None\n"
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")

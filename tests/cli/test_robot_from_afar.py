@@ -1,4 +1,4 @@
-"""The verbs that talk to the door: what was not seen STOPPED is not called STOPPED, what is here of a run is whole."""
+"""Commands that connect to the door: an unconfirmed stop is not reported as STOPPED, and a fetched run is complete."""
 
 import socket
 from typing import Any
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this sys
 
 
 class Stoppable(Operator):
-    """One whose vehicle says STOPPED as soon as it is stopped."""
+    """An operator whose vehicle reports STOPPED directly after a stop."""
 
     door: Any = None
 
@@ -33,7 +33,7 @@ def door(request, tmp_path):
 
 
 @pytest.mark.parametrize("door", [Stoppable], indirect=True)
-def test_a_vehicle_that_was_seen_stopped_is_reported_so(baqueano, door):
+def test_a_vehicle_that_reached_stopped_is_reported_as_stopped(baqueano, door):
     door.tell({"is": "state", "state": "MISSION", "why": None})
     end = baqueano("robot", "stop", str(door.path))
     assert (end.code, end.out) == (0, f"{door.path}: STOPPED\n")
@@ -42,9 +42,7 @@ def test_a_vehicle_that_was_seen_stopped_is_reported_so(baqueano, door):
 @pytest.mark.parametrize(
     "last", [{"is": "state", "state": "MISSION", "why": None}, {"is": "event"}], ids=["preparing", "starting"]
 )
-def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_stopped(
-    baqueano, door, last, monkeypatch
-):
+def test_an_unconfirmed_stop_is_not_reported_as_stopped(baqueano, door, last, monkeypatch):
     monkeypatch.setattr(remote, "STOP_S", 0.0)
     door.tell(last)
     end = baqueano("robot", "stop", str(door.path))
@@ -54,7 +52,7 @@ def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_st
     assert f"baqueano robot status {door.path}" in end.paragraph
 
 
-def test_runs_are_fetched_whole_also_behind_one_without_a_byte(baqueano, door, tmp_path):
+def test_an_empty_run_file_does_not_stop_the_fetch(baqueano, door, tmp_path):
     folder = tmp_path / "here"
     (tmp_path / "1.mcap").touch()
     (tmp_path / "2.mcap").write_bytes(b"whole")

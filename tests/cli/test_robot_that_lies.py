@@ -1,4 +1,4 @@
-"""A robot of somebody else: what it names and says writes no file of its choice and moves no cursor."""
+"""A malicious robot: its names and texts cannot write other files or send terminal control codes."""
 
 import base64
 import json
@@ -65,7 +65,7 @@ def files(folder):
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file() or p.is_symlink()}
 
 
-def test_ne6_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, liar, tmp_path):
+def test_ne6_invalid_run_names_are_refused_and_the_others_are_fetched(baqueano, liar, tmp_path):
     host = liar(runs=[{"is": "runs", "runs": [*NAMES, "1.mcap"]}], fetch=[piece(b"evil", 0)])
     before = files(tmp_path)
     end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "a" / "b" / "runs"))
@@ -77,7 +77,7 @@ def test_ne6_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_such_a_name_is_not_a_name_of_a_run(name):
+def test_an_invalid_name_is_not_a_run_name(name):
     assert not is_name(name)
 
 
@@ -85,7 +85,7 @@ def test_such_a_name_is_not_a_name_of_a_run(name):
     "name",
     ["20260314-101500-first drive.mcap", "20260314-101500-repeat-2.mcap", "0001-Núñez.mcap", "console.mcap"],
 )
-def test_the_names_of_runs_are(name):
+def test_valid_names_are_run_names(name):
     assert is_name(name)
 
 
@@ -108,7 +108,7 @@ def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
 
 
 @pytest.mark.parametrize("link", [False, True, "dangling"])
-def test_a_file_and_a_link_that_are_here_stay_as_they_are(baqueano, liar, tmp_path, link):
+def test_existing_local_files_and_links_are_not_changed(baqueano, liar, tmp_path, link):
     folder, outside = tmp_path / "runs", tmp_path / "other"
     folder.mkdir()
     if link != "dangling":
@@ -136,7 +136,7 @@ def test_a_file_and_a_link_that_are_here_stay_as_they_are(baqueano, liar, tmp_pa
         ([b"x" * (2 << 20)], 4),
     ],
 )
-def test_a_run_that_is_not_as_long_as_was_said_leaves_nothing(baqueano, liar, tmp_path, pieces, code):
+def test_a_run_of_wrong_length_is_discarded(baqueano, liar, tmp_path, pieces, code):
     host = liar(runs=[{"is": "runs", "runs": ["1.mcap"]}], fetch=pieces)
     end = baqueano("robot", "runs", host, "--fetch", "--runs", str(tmp_path / "runs"))
     assert end.code == code
@@ -144,7 +144,7 @@ def test_a_run_that_is_not_as_long_as_was_said_leaves_nothing(baqueano, liar, tm
     assert files(tmp_path / "runs") == set()
 
 
-def test_what_it_says_of_its_state_moves_no_cursor_and_forges_no_line(baqueano, liar):
+def test_a_status_text_cannot_send_terminal_control_codes(baqueano, liar):
     status = READY | {"why": "\x1b[2J\x9b\u202e all\nbaqueano: forged", "more\x1b": "x\r"}
     end = baqueano("robot", "status", liar(first=[[], "x", {"is": []}, {"is": "state", "state": 7}, status]))
     assert end.code == 0
@@ -153,7 +153,7 @@ def test_what_it_says_of_its_state_moves_no_cursor_and_forges_no_line(baqueano, 
     assert len(end.out.splitlines()) == 3
 
 
-def test_a_run_of_its_says_nothing_to_the_terminal_either(baqueano, lab, tmp_path):
+def test_a_fetched_run_cannot_send_terminal_control_codes(baqueano, lab, tmp_path):
     from dataclasses import replace
 
     from baqueano.runs import Event, read_run, write_run

@@ -1,4 +1,5 @@
-"""baqueano route: each verb stores a route that the next one takes; what cannot be driven is refused before a drive."""
+"""`baqueano route`: each command stores a route that the next command accepts; an impossible route is refused before a
+drive."""
 
 import pytest
 
@@ -16,7 +17,7 @@ def stored_routes(baqueano):
     return [row["route"] for row in baqueano("route", "ls", "--json").reply["rows"]]
 
 
-def test_verbs_store_what_they_made_beside_the_route(lab):
+def test_each_route_command_stores_a_new_route(lab):
     for verb, *options in (
         ("smooth", "--rms", "0.02"), ("cut", "--from", "0.5", "--to", "1.5"), ("reverse",), ("scale", "2"),
         ("faster", "--vehicle", "small"), ("faster", "--speed", "0.3"), ("join", "lab", "-o", "twice"),
@@ -32,7 +33,7 @@ def test_verbs_store_what_they_made_beside_the_route(lab):
     assert lab("route", "check", "lab-fast", "--vehicle", "small", "--room", "2x2").code == 0
 
 
-def test_points_of_a_spreadsheet_become_a_route(lab, tmp_path):
+def test_spreadsheet_points_are_converted_to_a_route(lab, tmp_path):
     (tmp_path / "points.csv").write_text("x;y\n0;0\n1,5;0\n1,5;1\n0;1\n0;0\n", encoding="utf-8")
     end = lab("route", "import", "points.csv", "box", "--json")
     assert end.code == 0, end.err
@@ -41,13 +42,13 @@ def test_points_of_a_spreadsheet_become_a_route(lab, tmp_path):
     assert row["length_m"] == pytest.approx(5.0, abs=0.3)
 
 
-def test_a_run_becomes_a_route(lab):
+def test_a_run_is_converted_to_a_route(lab):
     assert lab("repeat", "lab", "--vehicle", "small").code == 0
     assert lab("route", "import", "last", "again", "--json").reply["rows"][0]["closed"]
 
 
 @pytest.mark.parametrize("verb", ["check", "repeat"])
-def test_a_wall_and_a_speed_are_refused_with_what_to_type(lab, verb):
+def test_an_excessive_speed_is_refused_with_a_command(lab, verb):
     assert lab("route", "faster", "lab", "--speed", "3").code == 0
     end = lab("route", "check", "lab-speed", "--vehicle", "small") if verb == "check" else lab(
         "repeat", "lab-speed", "--vehicle", "small"
@@ -61,13 +62,13 @@ def test_a_wall_and_a_speed_are_refused_with_what_to_type(lab, verb):
     assert end.fix == "baqueano route scale lab 0.8"
 
 
-def test_what_was_advised_helps(lab):
+def test_the_advised_route_command_solves_the_problem(lab):
     lab("route", "faster", "lab", "--speed", "3")
     assert lab("route", "faster", "lab-speed", "--vehicle", "small").code == 0
     assert lab("repeat", "lab-speed-fast", "--vehicle", "small").code == 0
 
 
-def test_a_driver_who_insists_drives(lab):
+def test_the_anyway_option_permits_a_fast_route(lab):
     lab("route", "faster", "lab", "--speed", "0.6")
     end = lab("repeat", "lab-speed", "--vehicle", "small", "--anyway")
     assert "lab-speed" in end.err
@@ -85,7 +86,7 @@ def test_a_driver_who_insists_drives(lab):
         "route.columns": ("import", "routes/wrong.csv", "box"),
     }.items(),
 )
-def test_bad_input_is_one_paragraph(lab, tmp_path, code, line):
+def test_bad_route_input_gives_one_paragraph(lab, tmp_path, code, line):
     (tmp_path / "routes" / "wrong.csv").write_text("a,b\n1,2\n", encoding="utf-8")
     end = lab("route", *line)
     assert end.code != 0

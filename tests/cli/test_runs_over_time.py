@@ -20,7 +20,7 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_a_run_at_rest_tells_the_noise_and_changes_the_file(baqueano, folder, tmp_path):
+def test_a_run_at_rest_gives_the_noise_and_updates_the_file(baqueano, folder, tmp_path):
     end = baqueano(
         "runs",
         "noise",
@@ -45,7 +45,7 @@ def test_a_run_that_never_rests_is_refused(baqueano, folder):
     assert (end.reason.code, end.reason.figures) == ("at-rest.driven", {"run": "drive0"})
 
 
-def test_wear_names_what_moved_or_that_nothing_did(baqueano, folder, tmp_path):
+def test_the_wear_command_lists_changed_parameters(baqueano, folder, tmp_path):
     runs = [str(folder / f"drive{k}.mcap") for k in range(3)]
     end = baqueano("runs", "wear", *runs, "--vehicle", "small", "--json", "--report", "wear.html")
     assert end.code == 0
@@ -54,7 +54,7 @@ def test_wear_names_what_moved_or_that_nothing_did(baqueano, folder, tmp_path):
     assert "Run by run" in (tmp_path / "wear.html").read_text(encoding="utf-8")
 
 
-def test_wear_of_one_run_is_refused(baqueano, folder):
+def test_the_wear_of_one_run_is_refused(baqueano, folder):
     end = baqueano("runs", "wear", str(folder / "drive0.mcap"), "--vehicle", "small")
     assert end.code == 2
     assert "needs two runs or more" in end.err

@@ -1,4 +1,4 @@
-"""Faults on the command line: the same fault for every student, and who noticed it."""
+"""Faults on the command line: every student gets the same fault, and the detections are listed."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from baqueano.runs import read_run
 from baqueano.worlds.faults.fault import faults_in
 
 
-def test_a_fault_is_typed_with_a_verb_logged_and_judged(baqueano):
+def test_a_fault_given_on_the_command_line_is_logged_and_judged(baqueano):
     line = ("experiment", "--vehicle", "small", "--seconds", "4", "-o", "run.mcap",
             "--shake", "2 s: push 0.3 N s left", "--shake", "3 s: sag 84 %")  # fmt: skip
     done = baqueano(*line)
@@ -25,7 +25,7 @@ def test_a_fault_is_typed_with_a_verb_logged_and_judged(baqueano):
         (("--robot", "emulated", "--shake", "2 s: cut imu"), "shake.robot"),
     ],
 )
-def test_what_cannot_happen_is_refused_before_anything_moves(baqueano, more, code):
+def test_an_impossible_fault_is_refused_before_the_drive(baqueano, more, code):
     done = baqueano("experiment", "--vehicle", "small", *more)
     assert done.code == 2
     assert done.reason.code == code

@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of long work: what was found by then is told, nothing is written, the code is 130."""
+"""Ctrl-C during long work: the results so far are printed, nothing is written, and the exit code is 130."""
 
 from importlib import import_module
 from types import SimpleNamespace
@@ -28,7 +28,7 @@ def test_id0_a_fit_that_is_stopped_is_reported_and_not_written(baqueano, lab, tm
     assert not (tmp_path / "vehicle.toml").exists()
 
 
-def test_who_wants_no_more_is_not_reported_what_is_not_in_the_model(lab, monkeypatch):
+def test_an_interrupted_fit_skips_the_test_for_unmodelled_effects(lab, monkeypatch):
     run = read_run(lab / "runs" / "0001-experiment.mcap")
     texts: list[str] = []
 
@@ -43,7 +43,7 @@ def test_who_wants_no_more_is_not_reported_what_is_not_in_the_model(lab, monkeyp
     assert texts[-1] == "testing for effects that the model lacks"
 
 
-def test_recordings_that_were_judged_before_are_in_the_table(baqueano, monkeypatch):
+def test_recordings_judged_before_an_interrupt_are_in_the_table(baqueano, monkeypatch):
     def stopping(say, backend):
         raise KeyboardInterrupt
 

@@ -31,20 +31,20 @@ def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedPro
     return subprocess.run([*COMMAND, *args], cwd=folder, env=settings, capture_output=True, timeout=60)
 
 
-def test_nothing_is_drawn_when_stderr_is_not_a_terminal(project):
+def test_no_progress_bar_is_drawn_if_stderr_is_not_a_terminal(project):
     done = run(project, "repeat", "lab", "--vehicle", "small", "--json")
     assert done.returncode == 0
     assert done.stderr.decode().splitlines() == ["run: runs/0003-repeat.mcap"]
 
 
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
-def test_results_survive_any_encoding_of_the_terminal(project, encoding):
+def test_results_are_printed_in_any_terminal_encoding(project, encoding):
     done = run(project, "compare", "1", PYTHONIOENCODING=encoding)
     assert done.returncode == 0, done.stderr
     assert "position (ATE)" in done.stdout.decode(encoding)
 
 
-def test_a_pipe_that_is_closed_early_does_not_end_the_work(project):
+def test_a_closed_pipe_does_not_end_the_work(project):
     command = [*COMMAND, "runs", "cut", "1", "--to", "1", "-o", "part.mcap"]
     process = subprocess.Popen(command, cwd=project, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout is not None
@@ -56,7 +56,7 @@ def test_a_pipe_that_is_closed_early_does_not_end_the_work(project):
     assert read_run(project / "part.mcap").notes == ()
 
 
-def test_a_terminal_that_hung_up_does_not_end_the_work(monkeypatch):
+def test_a_disconnected_terminal_does_not_end_the_work(monkeypatch):
     pty = pytest.importorskip("pty")
     master, slave = pty.openpty()
     with open(slave, "w") as stream:
@@ -67,7 +67,7 @@ def test_a_terminal_that_hung_up_does_not_end_the_work(monkeypatch):
         assert os.path.samestat(os.fstat(stream.fileno()), os.stat(os.devnull))
 
 
-def test_a_disk_that_fails_is_not_a_reader_that_has_gone_away(monkeypatch, tmp_path):
+def test_a_disk_error_is_not_mistaken_for_a_closed_pipe(monkeypatch, tmp_path):
     def fails(text, file):
         raise OSError(errno.EIO, "Input/output error")
 
@@ -79,7 +79,7 @@ def test_a_disk_that_fails_is_not_a_reader_that_has_gone_away(monkeypatch, tmp_p
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent to a process in another way there")
-def test_ctrl_c_ends_an_endless_repeat_with_a_whole_run_and_130(project):
+def test_ctrl_c_ends_an_endless_repeat_with_a_complete_run(project):
     command = [*COMMAND, "repeat", "lab", "--vehicle", "small", "--laps", "0", "-o", "forever.mcap"]
     process = subprocess.Popen(
         command, cwd=project, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -143,7 +143,7 @@ def in_terminal(folder: Path, args: list[str], keys: list[tuple[str, float, byte
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), text
 
 
-def test_a_person_sees_a_bar_and_the_time_of_a_fit(project):
+def test_a_terminal_shows_progress_bars_and_elapsed_time(project):
     code, text = in_terminal(project, ["repeat", "lab", "--vehicle", "small"], [])
     assert code == 0
     assert "100%" in text
@@ -153,7 +153,7 @@ def test_a_person_sees_a_bar_and_the_time_of_a_fit(project):
     assert text.rstrip().endswith("0001-experiment.html")
 
 
-def test_driving_by_keys_makes_a_route_and_gives_the_terminal_back(project):
+def test_driving_by_keys_writes_a_route_and_restores_the_terminal(project):
     ready = "q ends the drive"
     keystrokes = [(ready, 0.5, b"w"), *[(ready, 0.1, b"w")] * 15, *[(ready, 0.1, b"\x1b[D")] * 5]
     arguments = ["teach", "mine", "--driver", "keys", "--vehicle", "small"]
@@ -173,7 +173,7 @@ def test_driving_by_keys_without_a_terminal_is_refused(project):
     assert "driving by keys needs a terminal" in done.stderr
 
 
-def test_work_that_says_nothing_ends_at_once_and_work_that_does_ends_with_what_it_found():
+def test_ctrl_c_ends_silent_work_at_once_and_reporting_work_with_results():
     with pytest.raises(KeyboardInterrupt), busy("thinking"):
         signal.raise_signal(signal.SIGINT)
     with busy("thinking") as say:
@@ -195,7 +195,7 @@ def progress_lines(capsys, pattern, times=1):
     return err
 
 
-def test_a_person_sees_how_far_the_work_is_on_one_line(monkeypatch, capsys):
+def test_progress_is_shown_on_one_line(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "watched", lambda: True)
     with steps() as begin:
         say = begin("fitting")
@@ -207,7 +207,7 @@ def test_a_person_sees_how_far_the_work_is_on_one_line(monkeypatch, capsys):
     assert all(len(line) <= 100 for line in err.replace("\n", "\r").split("\r"))
 
 
-def test_where_nobody_looks_a_line_stands_at_wide_intervals(monkeypatch, capsys):
+def test_without_a_terminal_progress_lines_are_rare(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "EVERY_S", 0.2)
     began = time.monotonic()
     with steps() as begin:
@@ -223,7 +223,7 @@ def test_where_nobody_looks_a_line_stands_at_wide_intervals(monkeypatch, capsys)
     assert "\r" not in err
 
 
-def test_work_that_is_short_says_one_line_where_nobody_looks(capsys):
+def test_short_work_without_a_terminal_prints_one_line(capsys):
     with busy("reading"):
         pass
     assert capsys.readouterr().err == "reading\n"

@@ -1,4 +1,4 @@
-"""What a person mistypes ends with exit code 2 and one paragraph that says what was expected and what to type."""
+"""A typing error ends with exit code 2 and one paragraph with the expected input and a remedy."""
 
 import json
 import subprocess
@@ -67,7 +67,7 @@ def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path,
     assert not list(tmp_path.rglob("*.mcap*")), "no number of a run was taken"
 
 
-def test_help_is_for_every_verb(baqueano):
+def test_every_command_has_help(baqueano):
     for flag in ("-h", "--help"):
         help_end = baqueano(flag)
         assert help_end.code == 0
@@ -78,35 +78,35 @@ def test_help_is_for_every_verb(baqueano):
         assert help_end.out.startswith(f"Usage: baqueano {verb}")
 
 
-def test_a_verb_that_is_called_by_itself_keeps_the_short_help(baqueano):
+def test_a_separately_called_command_retains_its_short_help_option(baqueano):
     """click keeps the help option of the first call, also of one without the group."""
     import_module("baqueano.cli.demo").command.main(["--help"], standalone_mode=False)
     assert baqueano("demo", "-h").code == 0
 
 
-def test_version_is_reported(baqueano):
+def test_the_version_is_printed(baqueano):
     assert baqueano("--version").out.strip() == f"baqueano, version {__version__}"
 
 
-def test_the_module_is_the_command():
+def test_python_m_runs_the_command():
     process = subprocess.run([sys.executable, "-m", "baqueano", "--version"], capture_output=True, text=True)
     assert process.stdout.strip() == f"baqueano, version {__version__}"
 
 
-def test_no_verb_at_all_shows_the_verbs_with_code_2(baqueano):
+def test_a_call_without_a_command_lists_the_commands_with_code_2(baqueano):
     end = baqueano()
     assert end.code == 2
     assert "demo" in end.err
 
 
-def test_debug_shows_the_traceback_and_keeps_the_exit_code(baqueano):
+def test_the_debug_option_prints_the_traceback_with_the_same_exit_code(baqueano):
     end = baqueano("runs", "show", "no.mcap", "--debug")
     assert end.code == 3
     assert "Traceback" in end.err
     assert (end.ending.reason.code, end.ending.reason.figures["missing"]) == ("runs.absent", "no.mcap")
 
 
-def test_help_loads_no_verb_and_no_numpy():
+def test_help_imports_no_command_module_and_no_numpy():
     code = (
         "import sys\nfrom baqueano.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
@@ -118,7 +118,7 @@ def test_help_loads_no_verb_and_no_numpy():
     assert process.stdout.rstrip().endswith("[]")
 
 
-def test_an_error_that_nobody_foresaw_names_its_place(baqueano, monkeypatch):
+def test_an_unexpected_error_names_its_location(baqueano, monkeypatch):
     def break_listing(*args, **kwargs):
         raise RuntimeError("the moon")
 
@@ -149,7 +149,7 @@ def test_too_little_memory_is_reported(baqueano, monkeypatch):
     assert (reason.code, reason.figures["error"]) == ("cli.memory", "22 TiB")
 
 
-def test_ctrl_c_ends_with_130(baqueano, monkeypatch):
+def test_ctrl_c_ends_with_exit_code_130(baqueano, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
@@ -168,7 +168,7 @@ def test_an_unknown_back_end_in_the_environment_is_reported(baqueano, monkeypatc
     }  # fmt: skip
 
 
-def test_a_c_back_end_without_a_compiler_is_reported_with_the_other_one(baqueano, monkeypatch):
+def test_a_missing_c_compiler_is_reported_with_the_other_back_end(baqueano, monkeypatch):
     from baqueano.symbolic.c_code.compile import CompileError
 
     def refuse(*args, **kwargs):
@@ -181,21 +181,21 @@ def test_a_c_back_end_without_a_compiler_is_reported_with_the_other_one(baqueano
     assert end.reason.figures["error"].code == "compiler.absent"
 
 
-def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano):
+def test_an_unreachable_vehicle_gives_one_paragraph_and_code_4(baqueano):
     end = baqueano("experiment", "--vehicle", "small", "--robot", "nobody@127.0.0.1:1")
     assert end.code == 4, end.err
     assert "nobody@127.0.0.1:1 cannot be reached: " in end.err
     assert ". To see why: ssh nobody@127.0.0.1:1 baqueano robot status" in end.err
 
 
-def test_a_laptop_that_is_taken_for_the_vehicle_is_reported_to_name_it(baqueano):
+def test_a_local_robot_command_on_a_laptop_advises_a_host_name(baqueano):
     end = baqueano("robot", "status")
     assert end.code == 4
     assert "from a laptop name the vehicle, as pilot@rover.local" in end.err
 
 
 @pytest.mark.parametrize("group", ["robot", "runs", "study", "blocks"])
-def test_no_sentence_of_a_list_of_verbs_is_cut_short(baqueano, group):
+def test_no_sentence_in_a_command_list_is_truncated(baqueano, group):
     assert "..." not in baqueano(group, "--help").out.partition("Commands:")[2]
 
 
@@ -207,7 +207,7 @@ def test_no_sentence_of_a_list_of_verbs_is_cut_short(baqueano, group):
         ("runs ls --jsonn --json", "cli.usage", 2),
     ],
 )
-def test_an_error_of_a_verb_with_json_is_one_object_with_code_and_figures(baqueano, line, code, ends):
+def test_an_error_with_json_is_one_object_with_code_and_figures(baqueano, line, code, ends):
     end = baqueano(*line.split())
     printed = json.loads(end.out)
     assert (end.code, printed["exit_code"], printed["code"]) == (ends, ends, code)
@@ -215,7 +215,7 @@ def test_an_error_of_a_verb_with_json_is_one_object_with_code_and_figures(baquea
     assert printed["text"] in end.paragraph
 
 
-def test_an_answer_of_no_with_json_is_the_answer_alone(baqueano, tmp_path):
+def test_a_negative_answer_with_json_prints_only_the_answer(baqueano, tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Mine:\n    def step(self, state, estimate): ...\n", encoding="utf-8"
     )

@@ -19,7 +19,7 @@ def project(baqueano, lab, tmp_path):
     return baqueano
 
 
-def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, monkeypatch):
+def test_the_blocks_of_a_new_project_pass_the_check(baqueano, tmp_path, monkeypatch):
     creation = baqueano("new", "mi lab")
     assert creation.code == 0
     assert (
@@ -36,7 +36,7 @@ def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, 
         assert check.reply == {"rows": [], "verdict": "USABLE"}
 
 
-def test_an_experiment_answers_with_what_the_run_holds(baqueano, tmp_path):
+def test_an_experiment_prints_the_contents_of_its_run(baqueano, tmp_path):
     end = baqueano("experiment", "--vehicle", "small", "--seconds", "1", "--json")
     assert end.code == 0
     assert {row["topic"] for row in end.reply["rows"]} >= {
@@ -49,20 +49,20 @@ def test_an_experiment_answers_with_what_the_run_holds(baqueano, tmp_path):
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["0001-experiment.mcap"]
 
 
-def test_a_simulation_is_a_run_without_a_loop(baqueano):
+def test_a_simulation_writes_a_run_without_a_control_loop(baqueano):
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--json")
     assert end.code == 0
     assert {row["topic"] for row in end.reply["rows"]} == {"command applied", "sensor imu", "truth"}
 
 
-def test_thousands_need_a_covariance_to_be_drawn_from(baqueano):
+def test_many_simulated_vehicles_need_a_covariance(baqueano):
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--vehicles", "1000")
     assert end.code == 2
     assert "no parameter has a covariance yet" in end.paragraph
     assert "baqueano identify" in end.paragraph
 
 
-def test_a_fit_is_written_into_the_vehicle_file_only_when_asked(project, tmp_path):
+def test_a_fit_is_written_to_the_vehicle_file_only_with_update(project, tmp_path):
     project("simulate", "--vehicle", "small", "--seconds", "20", "-o", "long.mcap")
     arguments = ("identify", "long.mcap", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--json")
     fit = project(*arguments)
@@ -113,7 +113,7 @@ def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
     assert project(*own[:-3], "--json").reason.figures["room"] == "estimator"
 
 
-def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
+def test_a_smoothed_replay_has_a_smaller_error(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "ekf", "--json")
     assert end.code == 0, end.err
     replay_row = end.reply["rows"][1]
@@ -125,7 +125,7 @@ def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
     assert len(replayed_run.estimate.t_ns) == len(replayed_run.t_ns)
 
 
-def test_what_is_not_a_kalman_filter_cannot_be_smoothed(project, tmp_path):
+def test_an_estimator_that_is_no_kalman_filter_cannot_be_smoothed(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "dead_reckoning")
     assert end.code == 2
     assert "DeadReckoning cannot be smoothed" in end.paragraph
@@ -154,7 +154,7 @@ def test_blocks_are_listed_by_room(baqueano):
     assert {"room": "controller", "kind": "pd"} in rows
 
 
-def test_an_unknown_run_is_reported_with_the_newest(project):
+def test_an_unknown_run_is_reported_with_the_newest_runs(project):
     end = project("compare", "77")
     assert end.code == 3
     assert end.reason.code == "runs.unknown"
@@ -174,13 +174,13 @@ def test_an_unknown_run_is_reported_with_the_newest(project):
         ("--vehicle small --free model.nope", "model.nope is not a parameter"),
     ],
 )
-def test_a_fit_that_cannot_be_meant_is_refused(project, options, expected):
+def test_a_meaningless_fit_is_refused(project, options, expected):
     end = project("identify", "1", *options.split())
     assert end.code == 2
     assert expected in end.paragraph
 
 
-def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path):
+def test_a_report_is_advised_only_if_no_report_was_written(baqueano, tmp_path):
     baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
     fit = ("identify", "tiny.mcap", "--vehicle", "small", "--no-noise")
     without, with_report = baqueano(*fit), baqueano(*fit, "--report", "page.html")
@@ -195,7 +195,7 @@ def test_a_report_is_the_next_step_only_where_none_is_written(baqueano, tmp_path
     assert (tmp_path / "page.html").exists()
 
 
-def test_a_report_tells_the_whole_line_that_gives_its_numbers_again(baqueano, tmp_path, monkeypatch):
+def test_a_report_contains_the_command_line_that_reproduces_its_figures(baqueano, tmp_path, monkeypatch):
     baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
     line = (
         "identify",
@@ -214,15 +214,15 @@ def test_a_report_tells_the_whole_line_that_gives_its_numbers_again(baqueano, tm
     assert f"To get these numbers again: <code>{shlex.join(['baqueano', *line])}</code>" in page
 
 
-def test_a_fit_tells_a_program_why_its_verdict_is_what_it_is(baqueano):
+def test_json_of_a_fit_contains_the_reasons_of_its_verdict(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "3", "-o", "short.mcap")
     fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply
     assert fit["verdict"] != "USABLE"
-    assert fit["reasons"], "three seconds are too few, and nothing says so"
+    assert fit["reasons"], "three seconds are too few, and no reason is given"
     assert all({"code", "figures", "text"} <= set(reason) for reason in (*fit["reasons"], *fit["findings"]))
 
 
-def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
+def test_terms_are_not_chosen_for_a_car_with_only_an_imu(baqueano):
     baqueano("experiment", "--vehicle", "car", "--seconds", "4", "--seed", "1", "-o", "car.mcap")
     end = baqueano("identify", "car.mcap", "--vehicle", "car", "--use", "imu", "--choose")
     assert end.code == 2
@@ -239,11 +239,11 @@ def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
         ),
     ],
 )
-def test_one_line_says_which_estimator_suits_the_sensors(baqueano, vehicle, words):
+def test_one_line_names_the_estimator_that_suits_the_sensors(baqueano, vehicle, words):
     assert words in baqueano("blocks", "ls", "--vehicle", vehicle).err
 
 
-def test_with_a_camera_the_estimator_is_one_that_corrects_a_pose(baqueano, tmp_path):
+def test_a_camera_leads_to_an_estimator_that_corrects_a_pose(baqueano, tmp_path):
     from baqueano.vehicle_file import load
 
     text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'

@@ -1,4 +1,4 @@
-"""What `compare` says about runs that are made by hand, so that every figure is known."""
+"""`compare` on synthetic runs whose figures are exactly known."""
 
 import re
 
@@ -48,7 +48,7 @@ def test_a_consistent_run_is_called_consistent():
     assert abs(row["innovation_correlation"]) < 4 / np.sqrt(N)  # 4 σ, two channels: 1 in 8 000
 
 
-def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
+def test_rejections_of_runs_are_compared_side_by_side():
     first = run_with(events=(Event(0, "info", "refused", "", counted([Refusals("imu[2]", 12, 800)])),))
     comparison = compare([first, run_with("b")])
     rows = comparison.rows()
@@ -59,14 +59,14 @@ def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
     assert "refused" not in compare(run_with("b")).table()
 
 
-def test_an_estimate_further_off_than_it_says_is_too_sure():
+def test_an_estimate_with_errors_beyond_its_covariance_is_too_sure():
     comparison = compare([run_with(off=(0, 0, 0)), run_with("b", off=(0.2, 0.0, 0.0))])
     assert [row["verdict"] for row in comparison.rows()] == ["consistent", "too sure"]
     assert [(reason.subject, reason.figures["how"]) for reason in comparison.reasons] == [("b", "too sure")]
     assert comparison.table().endswith("Fit the model again to find the cause.")
 
 
-def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for_again():
+def test_an_overestimated_covariance_is_too_cautious_without_advice_to_refit():
     comparison = compare(run_with(off=(0.0, 0.0, 0.0), sigma=0.01))
     assert [(reason.subject, reason.figures["how"]) for reason in comparison.reasons] == [
         ("a", "too cautious")
@@ -75,13 +75,13 @@ def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for
     assert "Fit the model again" not in comparison.table()
 
 
-def test_the_second_run_is_laid_beside_the_path_of_the_first():
+def test_the_second_run_is_compared_with_the_path_of_the_first():
     rows = compare([run_with(across=0.01), run_with("b", across=-0.03)]).rows()
     assert np.isnan(rows[0]["across_first_rms_m"])
     assert rows[1]["across_first_rms_m"] == pytest.approx(0.04)
 
 
-def test_what_a_run_does_not_hold_is_not_known():
+def test_figures_without_data_in_the_run_are_nan():
     row = compare(run_with(truth=None, reference=None, innovation=False)).rows()[0]
     assert np.isnan(row["ate_m"])
     assert np.isnan(row["across_true_rms_m"])
@@ -98,7 +98,7 @@ def test_a_camera_without_velocities_still_judges_the_pose():
     assert row["verdict"] == "consistent"
 
 
-def test_the_first_seconds_can_be_left_out():
+def test_the_first_seconds_can_be_left_out_of_a_comparison():
     run = run_with()
     eta = run.estimate.eta.copy()
     eta[:100, 0] += 5.0
@@ -129,7 +129,7 @@ def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
     assert all(re.search(r"\d|consistent|sure|tell|cautious", row[30:]) for row in rows)
 
 
-def test_a_replay_is_judged_by_its_estimate_and_not_by_what_the_vehicle_did():
+def test_a_replay_is_judged_only_by_its_estimate():
     drive, replayed_run = (
         run_with("drive", across=0.05),
         run_with("replay", across=0.05, metadata={"kind": "replay"}),
@@ -141,7 +141,7 @@ def test_a_replay_is_judged_by_its_estimate_and_not_by_what_the_vehicle_did():
     assert "across its reference" in compare(drive).table()
 
 
-def test_an_estimate_that_diverged_says_when_and_is_judged_until_then():
+def test_a_diverged_estimate_is_judged_until_its_divergence():
     run = run_with(off=(0, 0, 0))
     eta = run.estimate.eta.copy()
     eta[700:, 0] = 1e16
@@ -153,7 +153,7 @@ def test_an_estimate_that_diverged_says_when_and_is_judged_until_then():
     assert np.isnan(compare(run_with()).runs[0].diverged_s)
 
 
-def test_a_covariance_that_is_none_is_named():
+def test_an_invalid_covariance_is_named():
     run = run_with(off=(0, 0, 0))
     cov = run.estimate.cov.copy()
     cov[100:] *= -1.0
@@ -179,7 +179,7 @@ def test_a_covariance_that_is_none_is_named():
         ),
     ],
 )
-def test_a_question_without_sense_is_answered_in_words(call, words):
+def test_an_invalid_comparison_is_refused_with_a_reason(call, words):
     with refused(words[0], UsageError, **words[1]):
         call()
 
@@ -193,13 +193,13 @@ def test_one_sentence_names_the_figure_and_the_state_that_is_furthest_off():
     assert sentence.replace(" ", "") in comparison.table().replace("\n", "").replace(" ", "")
 
 
-def test_a_run_of_a_few_ticks_cannot_tell():
+def test_a_run_of_a_few_ticks_gives_no_verdict():
     comparison = compare(run_with(off=(0.0, 0.0, 0.0)).cut(0.0, 0.05))
     assert comparison.verdict == "CANNOT TELL"
     assert comparison.rows()[0]["sentence"].startswith("Not enough data: the errors of ")
 
 
-def test_innovations_speak_where_the_truth_cannot():
+def test_innovations_are_judged_without_a_truth():
     right, far, few = (
         Band(1.0, 0.9, 1.1, 3, 900.0),
         Band(2.0, 0.9, 1.1, 3, 900.0),

@@ -19,7 +19,7 @@ def whitened(e, cov):
     return consistency.whitened(e, np.tile(cov, (len(e), 1, 1)))
 
 
-def test_right_covariance_lies_in_the_band_as_often_as_it_should():
+def test_a_right_covariance_lies_in_the_band_at_the_nominal_rate():
     """False alarm: 200 bands at 5 % leave 181 to 198 inside with probability 0.9987 (binomial); the band is the wider
     of two, so all may be inside."""
     bands = [consistency.band(whitened(draws(300, seed=seed), P)) for seed in range(200)]
@@ -27,7 +27,7 @@ def test_right_covariance_lies_in_the_band_as_often_as_it_should():
     assert np.mean([band.high - band.low for band in bands]) < 1.25 * 4 * np.sqrt(2 / 900)
 
 
-def test_too_small_a_covariance_is_too_sure_and_too_large_a_one_too_cautious():
+def test_a_wrong_covariance_is_called_too_sure_or_too_cautious():
     e = draws(2000)
     for factor, word in ((0.5, "too sure"), (2.0, "too cautious"), (1.0, "consistent"), (0.95, "consistent")):
         assert consistency.band(whitened(e, factor * P)).verdict == word
@@ -73,7 +73,7 @@ def sentences(count, seed, few=False):
     return float(np.mean(wrong)), float(np.mean(decisions))
 
 
-def test_the_verdict_is_seldom_wrong_and_speaks_where_it_can():
+def test_the_verdict_is_seldom_wrong_and_is_given_with_enough_data():
     """NEES and NIS of 250 filters. Of 6,000 such verdicts 0.95 % are wrong, and 99.9 % of those that can speak do; by
     chance 500 have more than 2.2 % wrong once in 100."""
     wrong, speaks = sentences(250, 1)
@@ -94,7 +94,7 @@ def test_a_pose_that_nothing_bounds_has_too_few_samples_to_be_judged():
     assert words.count("cannot tell") >= 190
 
 
-def test_units_do_not_matter():
+def test_units_do_not_change_the_verdict():
     scale = np.diag([1e6, 1e-6, 1.0])
     e = draws(50)
     a, b = (consistency.squared(pair) for pair in (whitened(e, P), whitened(e @ scale, scale @ P @ scale)))
@@ -119,7 +119,7 @@ def test_a_silent_sensor_is_left_out_of_the_innovations():
     assert consistency.band(w).verdict == "consistent"
 
 
-def test_correlated_errors_count_for_less():
+def test_correlated_errors_have_a_lower_weight():
     """x_t = a x_{t−1} + w has a correlation of squares a^(2k): it is worth N (1 − a²)/(1 + a²) samples."""
     w = np.random.default_rng(0).standard_normal((40_000, 2))
     x = lfilter([1.0], [1.0, -0.9], w, axis=0)
@@ -136,7 +136,7 @@ def with_a_bias(rng, kappa, share):
     )
 
 
-def test_a_bias_of_one_draw_makes_no_right_filter_too_cautious_or_too_sure():
+def test_a_random_bias_does_not_make_a_right_filter_inconsistent():
     """400 right filters, half of whose variance is a bias; such a verdict is the false alarm of 5 %: more than 33 are
     called so once in 1,000."""
     rng = np.random.default_rng(5)
@@ -144,12 +144,12 @@ def test_a_bias_of_one_draw_makes_no_right_filter_too_cautious_or_too_sure():
     assert words.count("too sure") + words.count("too cautious") <= 33
 
 
-def test_without_a_bias_a_cautious_filter_is_still_called_so():
+def test_a_cautious_filter_without_a_bias_is_called_too_cautious():
     rng = np.random.default_rng(6)
     assert {consistency.band(with_a_bias(rng, 0.5, 0.0)).verdict for _ in range(50)} == {"too cautious"}
 
 
-def test_white_innovations_are_white_and_slow_ones_are_not():
+def test_only_white_innovations_are_called_white():
     y = draws(5000)
     slow = np.cumsum(y, axis=0)[:, :1] * [1.0, 1.0, 1.0]
     S = np.tile(P, (5000, 1, 1))
@@ -157,6 +157,6 @@ def test_white_innovations_are_white_and_slow_ones_are_not():
     assert np.all(consistency.whiteness(slow, S) > 0.9)
 
 
-def test_without_scipy_the_message_gives_the_command_to_type(without_scipy):
+def test_a_missing_scipy_is_reported_with_the_install_command(without_scipy):
     with refused("lab.scipy-for-bands", UsageError):
         consistency._limits(10.0, 0.05)

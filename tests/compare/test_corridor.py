@@ -1,4 +1,4 @@
-"""The corridor: what a pencil says of a covariance, when a vehicle is lost, and the forecast of a drive."""
+"""The corridor: hand calculations from a covariance, the loss of the vehicle, and the forecast of a drive."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def straight(cov, heading_rad=0.0):
     return corridor(np.arange(float(n)), eta, np.array(cov))
 
 
-def test_across_is_measured_across_the_heading_and_the_area_is_that_of_the_ellipse():
+def test_the_corridor_width_is_measured_across_the_heading():
     P = np.diag([0.04, 0.01, 0.0025])
     along_x, along_y = straight([P, P]), straight([P, P], 0.5 * np.pi)
     assert along_x.across_m == pytest.approx([0.196, 0.196])
@@ -29,7 +29,7 @@ def test_across_is_measured_across_the_heading_and_the_area_is_that_of_the_ellip
     assert along_x.sentence == "after 1 s the position is known to ± 20 cm across, ± 5.6° (95 %)"
 
 
-def test_turning_the_map_changes_no_corridor():
+def test_the_corridor_is_invariant_under_rotation_of_the_map():
     rng = np.random.default_rng(0)
     A = rng.standard_normal((3, 3))
     P, c, s = 0.01 * A @ A.T, np.cos(1.0), np.sin(1.0)
@@ -40,7 +40,7 @@ def test_turning_the_map_changes_no_corridor():
 
 
 @pytest.mark.parametrize("sd", [0.51, np.nan])
-def test_beyond_half_a_radian_the_vehicle_is_lost_and_the_corridor_ends(sd):
+def test_the_corridor_ends_at_a_heading_error_of_half_a_radian(sd):
     P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
     corridor = straight(P)
     assert (corridor.lost_s, len(corridor.t_s)) == (2.0, 2)
@@ -48,7 +48,7 @@ def test_beyond_half_a_radian_the_vehicle_is_lost_and_the_corridor_ends(sd):
     assert np.isnan(corridor_row(corridor)["corridor_across_m"])
 
 
-def test_an_ellipse_holds_95_percent_of_a_normal_distribution_and_so_does_the_half_width():
+def test_ellipse_and_half_width_cover_95_percent_of_a_normal_distribution():
     rng = np.random.default_rng(1)
     A = np.array([[0.3, 0.0], [0.2, 0.1]])
     e = rng.standard_normal((200_000, 2)) @ A.T
@@ -60,7 +60,7 @@ def test_an_ellipse_holds_95_percent_of_a_normal_distribution_and_so_does_the_ha
     assert np.mean(np.abs(e[:, 1]) <= corridor.across_m[0]) == pytest.approx(0.95, abs=0.002)
 
 
-def test_a_run_says_after_how_many_laps_and_compare_says_it_too():
+def test_run_and_comparison_report_the_corridor_after_each_lap():
     run = simulate_loop(load("small").with_values(SHARP), circle(0.3, 0.2), laps=2)
     corridor = corridor_of(run)
     assert corridor.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
@@ -86,7 +86,7 @@ def test_the_forecast_and_the_corridor_claimed_afterwards_agree():
                 assert row[name] == pytest.approx(getattr(driven_corridor, name)[k], rel=0.2), (name, seed)
 
 
-def test_a_forecast_says_when_the_vehicle_is_lost():
+def test_a_forecast_reports_the_time_at_which_the_vehicle_is_lost():
     file = load("small").with_values({"sensors.imu.gyro_scale_std": 0.05})
     ahead = corridor_ahead(file, circle(0.6, 0.2), 3)
     assert ahead.verdict == "LOST"
@@ -95,7 +95,7 @@ def test_a_forecast_says_when_the_vehicle_is_lost():
 
 
 @pytest.mark.parametrize(("key", "off"), [("gyro_bias", 0.0005), ("gyro_scale", 0.01)])
-def test_a_bias_or_a_scale_that_is_a_little_off_lies_inside(key, off):
+def test_a_small_bias_or_scale_error_lies_inside_the_corridor(key, off):
     file = load("small")
     truth = file.with_values({f"sensors.imu.{key}": file.value(f"sensors.imu.{key}") + off})
     route = sinuous_circle(0.6, 0.06, 5, 0.2)

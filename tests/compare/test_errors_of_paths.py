@@ -44,8 +44,8 @@ def test_absolute_errors_are_those_of_evo(alignment, position, heading):
     assert errors.rms(off.heading_rad) == pytest.approx(heading, rel=1e-7)
 
 
-def test_a_truth_without_heading_is_laid_on_as_umeyama_does():
-    """By the singular values, and with a gap and a mirrored start: 4.1 m is not to be told as 150 m."""
+def test_a_truth_without_heading_is_aligned_by_the_umeyama_method():
+    """With a gap and a mirrored start, the singular values must give an error of 4.1 m and not 150 m."""
     _, eta, truth = trajectories()
     truth[:, 2] = np.nan
     truth[:7, 0] = np.nan
@@ -58,7 +58,7 @@ def test_a_truth_without_heading_is_laid_on_as_umeyama_does():
     assert np.isnan(off.heading_rad).all()
 
 
-def test_a_truth_without_heading_cannot_be_laid_on_at_the_start():
+def test_a_truth_without_heading_cannot_be_aligned_at_the_start():
     _, eta, truth = trajectories()
     truth[:, 2] = np.nan
     with refused("compare.no-first-heading", UsageError):
@@ -80,7 +80,7 @@ def test_relative_errors_do_not_span_a_gap():
     assert len(drift.position_m) == 190 - 41 - 10
 
 
-def test_truth_is_read_between_samples_and_never_made_up():
+def test_truth_is_interpolated_but_not_extrapolated():
     of_ns = np.array([0, 100, 200, 2_000]) * 1_000_000
     eta = np.array([[0.0, 0, 3.1], [1, 0, -3.1], [2, 0, -3.0], [9, 0, 0]])
     poses = poses_at(np.array([-1, 50, 100, 1_000, 2_000, 2_001]) * 1_000_000, of_ns, eta)
@@ -98,7 +98,7 @@ def test_distance_across_a_straight_path_is_positive_to_the_left():
     np.testing.assert_allclose(errors.cross_track(t_ns, ref - [0.0, 0.05], t_ns, ref), -0.05, atol=1e-12)
 
 
-def test_the_other_branch_of_a_crossing_is_not_nearest():
+def test_the_nearest_point_at_a_crossing_is_on_the_same_branch():
     t_ns = np.arange(2000) * 10_000_000
     th = 2 * np.pi * np.arange(2000) / 2000
     eight = np.column_stack([np.sin(th), np.sin(th) * np.cos(th)])
@@ -107,13 +107,13 @@ def test_the_other_branch_of_a_crossing_is_not_nearest():
     assert off.max() > 0.1
 
 
-def test_a_reference_that_stands_still_is_a_point():
+def test_a_reference_at_rest_is_a_single_point():
     t_ns = np.arange(50) * 10_000_000
     off = errors.cross_track(t_ns, np.tile([0.3, 0.4], (50, 1)), t_ns, np.zeros((50, 2)))
     np.testing.assert_allclose(off, 0.5)
 
 
-def test_turning_the_world_changes_no_error():
+def test_errors_are_invariant_under_rotation_of_the_world():
     t_ns, eta, truth = trajectories()
     c, s = np.cos(2.0), np.sin(2.0)
 
@@ -131,7 +131,7 @@ def test_turning_the_world_changes_no_error():
     )
 
 
-def test_an_unknown_alignment_lists_the_known_ones():
+def test_an_unknown_alignment_is_refused_with_the_valid_names():
     with refused("compare.alignment", UsageError, found="scaled", known="none, start, rigid"):
         errors.aligned(np.zeros((2, 3)), np.zeros((2, 3)), "scaled")
 

@@ -1,4 +1,4 @@
-"""Speeds and commands made by hand, so that every figure of evenness is known."""
+"""Evenness on synthetic speeds and commands whose figures are exactly known."""
 
 import numpy as np
 import pytest
@@ -20,20 +20,20 @@ def steady(value=0.2):
     return np.full(N, value)
 
 
-def test_a_steady_speed_that_is_wrong_is_an_error_and_not_uneven():
+def test_a_constant_wrong_speed_is_an_error_but_even():
     pace = evenness.pace(T_NS, steady(0.23), steady())
     assert pace.error_m_s == pytest.approx(0.03)
     assert pace.error == pytest.approx(0.15)
     assert pace.uneven == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_stutter_about_the_right_speed_is_uneven_by_its_rms():
+def test_speed_ripple_is_measured_by_its_rms():
     pace = evenness.pace(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S), steady())
     assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
     assert pace.uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
 
 
-def test_a_slow_swell_is_an_error_and_hardly_uneven():
+def test_a_slow_speed_variation_is_an_error_but_nearly_even():
     pace = evenness.pace(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 0.1 * T_S), steady())
     assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.05)
     assert pace.uneven < 0.01
@@ -50,12 +50,12 @@ def test_the_start_from_rest_is_left_out():
     assert evenness.pace(T_NS, speed, steady(), after_s=0.0).error > 0.1
 
 
-def test_driving_backwards_is_judged_like_driving_forwards():
+def test_backward_driving_is_judged_like_forward_driving():
     back = evenness.pace(T_NS, steady(-0.23), steady(-0.2))
     assert back.error == pytest.approx(0.15)
 
 
-def test_what_is_not_known_is_not_a_number():
+def test_unknown_figures_of_evenness_are_nan():
     assert np.isnan(evenness.pace(T_NS, steady(), steady(0.0)).error)
     assert np.isnan(evenness.pace(T_NS, np.full(N, np.nan), steady())).all()
     assert np.isnan(evenness.pace(T_NS[:0], steady()[:0], steady()[:0])).all()
@@ -64,7 +64,7 @@ def test_what_is_not_known_is_not_a_number():
     assert np.isnan(evenness.share_at_limit(np.zeros((0, 3)), WHEELS))
 
 
-def test_gaps_in_the_speed_do_not_reach_what_is_known():
+def test_gaps_in_the_speed_do_not_change_the_evenness():
     speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
     speed[1000:1500] = np.nan
     assert evenness.pace(T_NS, speed, steady()).uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.02)
@@ -106,19 +106,19 @@ def test_a_command_scaled_down_to_its_limit_counts_in_spite_of_rounding():
     assert evenness.share_at_limit(u * (1 - 1e-15), WHEELS) == 1.0
 
 
-def test_an_entry_without_use_and_a_command_without_limit_are_never_at_one():
+def test_unused_entries_and_unlimited_commands_are_never_at_a_limit():
     u = np.tile([1e6, 0.0, 0.0], (3, 1))
     assert evenness.share_at_limit(u, Limits(np.full(3, np.inf))) == 0.0
     assert evenness.share_at_limit(np.zeros((3, 3)), WHEELS) == 0.0
 
 
-def test_a_silent_command_is_neither_at_a_limit_nor_not():
+def test_a_nan_command_is_not_counted_in_the_limit_share():
     u = np.array([[1.0, 0.0, 0.0], [np.nan, np.nan, np.nan]])
     assert evenness.share_at_limit(u, WHEELS) == 1.0
 
 
 @pytest.mark.parametrize("name", ["small", "car", "case-study-1"])
-def test_limits_are_those_of_the_vehicle_that_the_text_makes(name):
+def test_limits_are_read_from_the_vehicle_text(name):
     file = load(name)
     limits = evenness.limits_of(file.text)
     assert limits is not None
@@ -134,12 +134,12 @@ def test_limits_are_those_of_the_vehicle_that_the_text_makes(name):
     ["", "format = 1", "not toml", "command = 3", '[command]\nnames = ["a"]\nlimit = [1.0, 1.0]',
      '[command]\nnames = ["a"]\n[model.drivetrain]\nmixing = "two_wheels"'],
 )  # fmt: skip
-def test_a_text_that_does_not_say_limits_gives_none(text):
+def test_a_vehicle_text_without_limits_gives_none(text):
     assert evenness.limits_of(text) is None
 
 
 def a_run(at, u, vehicle_text, **extra):
-    """A straight drive for 30 s, asked for 0.2 m/s, then 5 s at rest after the guide was done."""
+    """A straight drive for 30 s at a reference of 0.2 m/s, then 5 s at rest after the end of the guide."""
     t_ns = 10_000_000 * np.arange(3500)
     driving = at < 3001
     nu = np.column_stack([np.where(driving, 0.2, 0.0), 0 * at, 0 * at])
@@ -162,7 +162,7 @@ def run_with(**extra):
     return a_run(at, u, extra.pop("vehicle_text", load("small").text), **extra)
 
 
-def test_a_drive_is_judged_by_truth_and_by_belief_until_the_guide_was_done():
+def test_evenness_is_judged_by_truth_and_estimate_until_the_guide_ends():
     row = compare(run_with()).rows()[0]
     assert row["pace_true_error_m_s"] == pytest.approx(0.02)
     assert row["pace_true_error"] == pytest.approx(0.1, rel=1e-3)
@@ -172,14 +172,14 @@ def test_a_drive_is_judged_by_truth_and_by_belief_until_the_guide_was_done():
     assert row["sign_changes_per_s"] == 0.0
 
 
-def test_the_table_says_how_evenly_it_drove():
+def test_the_table_shows_the_evenness_of_the_drive():
     text = compare(run_with()).table()
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert "ticks at a limit % 25" in lines
     assert "speed error, of the mean % 10" in lines
 
 
-def test_without_a_vehicle_file_the_share_at_a_limit_is_not_known_and_never_zero():
+def test_without_a_vehicle_file_the_share_at_a_limit_is_nan():
     row = compare(run_with(vehicle_text="")).rows()[0]
     assert np.isnan(row["at_limit"])
     assert row["sign_changes_per_s"] == 0.0
@@ -190,7 +190,7 @@ def test_the_vehicle_file_of_another_vehicle_gives_no_limits():
     assert np.isnan(compare(run_with(vehicle_text=load("car").text)).rows()[0]["at_limit"])
 
 
-def test_without_truth_what_was_believed_is_judged_and_a_camera_without_speeds_judges_none():
+def test_without_true_speeds_the_estimated_speed_is_judged():
     run = run_with()
     assert run.truth is not None
     blind = run.truth._replace(nu=np.full((3500, 3), np.nan))
@@ -200,18 +200,18 @@ def test_without_truth_what_was_believed_is_judged_and_a_camera_without_speeds_j
         assert row["pace_estimate_error"] == pytest.approx(0.05, rel=1e-3)
 
 
-def test_a_drive_without_a_guide_has_commands_and_no_speed_to_be_judged_by():
+def test_a_drive_without_a_guide_is_judged_only_by_its_commands():
     row = compare(run_with(reference=None)).rows()[0]
     assert np.isnan(row["pace_true_error_m_s"])
     assert row["at_limit"] == pytest.approx(0.25 * 3001 / 3500, rel=0.01)
 
 
-def test_where_nothing_was_sent_the_command_in_force_is_judged():
+def test_without_sent_commands_the_applied_command_is_judged():
     run = run_with(sent=None)
     assert compare(run).rows()[0]["at_limit"] == 0.0
 
 
-def test_a_drive_that_stutters_is_distinguished_from_one_that_does_not():
+def test_an_uneven_drive_is_distinguished_from_an_even_drive():
     small = load("small")
     script = [(0.2, [u, 0.0, 0.0]) for u in (1.0, -1.0)] * 10
     run = experiment(small, commands_of(script, 3, small.rate_hz))

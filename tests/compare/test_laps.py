@@ -1,4 +1,4 @@
-"""Laps of a drive: found where the route ends, and nowhere else."""
+"""Laps of a drive are detected at the end of the route and nowhere else."""
 
 import numpy as np
 import pytest
@@ -35,11 +35,11 @@ def test_the_largest_distance_is_that_of_the_whole_drive():
     assert "2 laps" in judgement.sentences[0]
 
 
-def test_an_open_route_has_none():
+def test_an_open_route_has_no_laps():
     assert laps_of(simulate_loop(SMALL, line(1.0, 0.2), perfect=True)) == ()
 
 
-def test_a_reference_that_waits_and_comes_back_at_the_end_of_a_lap_passes_once():
+def test_a_reference_that_returns_at_the_lap_end_counts_once():
     route = circle(0.5, 0.2)
     back = route.eta[1380:][::-1]
     eta = np.concatenate([route.eta, back, route.eta[1380:], np.tile(route.eta[-1], (50, 1)), route.eta])

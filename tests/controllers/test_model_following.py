@@ -51,7 +51,7 @@ def settled(controller, eta_r, nu_r, eta, nu, ticks=200):
 @pytest.mark.parametrize(
     ("name", "v", "w"), [("small", 0.3, 0.0), ("small", 0.4, 0.6), ("car", 0.3, -0.8), ("car", 0.4, 0.6)]
 )
-def test_the_command_of_a_steady_circle_makes_the_model_drive_it(name, v, w, law):
+def test_the_command_for_a_steady_circle_makes_the_model_follow_the_circle(name, v, w, law):
     file = load(name)
     controller = file.controller(law, k_i=0.0)
     late_s = controller.late_s
@@ -85,13 +85,13 @@ def test_a_vehicle_beside_its_path_steers_back_forward_and_backward(law, v):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_it_keeps_every_promise_of_a_controller(law):
+def test_each_control_law_passes_the_controller_check(law):
     assert check_controller(SMALL.controller(law)) == []
     assert check_controller(load("car").controller(law), 2) == []
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_compiled_and_as_written_it_gives_the_same_command(law):
+def test_compiled_and_uncompiled_controllers_give_the_same_command(law):
     controller = SMALL.controller(law)
     now, target = estimate([0.1, -0.2, 3.1], [0.2, 0.01, 0.3]), reference([0.15, -0.2, -3.1], [0.2, 0.0, 0.4])
     plain = controller.step(controller.init(), target, now)
@@ -108,7 +108,7 @@ angle, place = st.floats(-3.1, 3.1), st.floats(-50.0, 50.0)
 @pytest.mark.parametrize("law", LAWS)
 @settings(max_examples=25, deadline=None)
 @given(st.tuples(place, place, angle), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), angle, st.integers(-3, 3))
-def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, turns):
+def test_commands_are_invariant_under_motions_of_the_world(law, move, x, y, psi, turns):
     controller, nu, move = SMALL.controller(law), [0.2, 0.0, 0.3], np.array(move)
     e, r = np.array([x, y, psi]), np.array([0.0, 0.1, 0.2])
     command = controller.step(controller.init(), reference(r, nu), estimate(e, nu))[1].u
@@ -121,7 +121,7 @@ def test_moving_and_turning_the_world_changes_no_command(law, move, x, y, psi, t
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("perfect", [True, False])
-def test_the_garages_vehicle_drives_evenly(shape, perfect):
+def test_the_garage_vehicle_drives_evenly(shape, perfect):
     """The paper's PD with the gains of before: 51 to 124 % of speed error, 1 to 3 changes of sign a second."""
     run = simulate_loop(SMALL, SHAPES[shape](0.2), perfect=perfect)
     evenness = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
@@ -131,7 +131,7 @@ def test_the_garages_vehicle_drives_evenly(shape, perfect):
     assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
 
 
-def test_it_bears_an_unmodelled_delay_of_a_tenth_of_a_second():
+def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     route, across = SHAPES["sinuous"](0.2), []
     for delay_s in (0.01, 0.11):
         late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
@@ -149,7 +149,7 @@ STARTS = [(0.0, 0.2, -0.5), (0.0, -0.2, -0.5), (-0.2, 0.2, 0.5), (0.2, -0.2, 0.5
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_it_joins_its_route_from_all_sides_within_a_metre(law):
+def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
     """20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun when it has not."""
     system = closed(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
     kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), times(1500, SMALL.rate_hz)
@@ -192,7 +192,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
         assert off[way_m > 1.0].max() < 0.03, (ahead, left, heading_deg)
 
 
-def test_a_vehicle_that_moves_when_the_controller_begins_is_not_braked():
+def test_a_moving_vehicle_is_not_braked_at_controller_start():
     """The reference without jumps begins with the velocity that the vehicle has; it began at rest once."""
     moving = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0], ticks=1)
     steady = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0])
@@ -200,7 +200,7 @@ def test_a_vehicle_that_moves_when_the_controller_begins_is_not_braked():
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_it_drives_evenly_along_the_corners_of_a_rectangle(law):
+def test_the_vehicle_drives_evenly_around_the_corners_of_a_rectangle(law):
     run = simulate_loop(SMALL, SHAPES["rectangle"](0.2), perfect=True, controller=SMALL.controller(law))
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(across) < 0.003
@@ -210,7 +210,7 @@ def test_it_drives_evenly_along_the_corners_of_a_rectangle(law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_car_keeps_to_a_circle_without_its_servo_at_a_limit(law):
+def test_a_car_follows_a_circle_without_servo_saturation(law):
     car = load("car")
     run = simulate_loop(car, circle(3.0, 0.8), perfect=True, controller=car.controller(law))
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
@@ -246,24 +246,24 @@ class ByHeading(ModelFollower):
         return memory, (now.nu_f[0], now.nu_f[2] + 3.0 * now.e_chi)
 
 
-def test_a_law_of_ones_own_is_a_controller():
+def test_a_custom_control_law_is_a_controller():
     own = ByHeading(SMALL.vehicle, limit=np.ones(3))
     assert check_controller(own) == []
     run = simulate_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=own, duration_s=5.0)
     assert pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).error < 0.05
 
 
-def test_a_follower_without_a_law_names_the_method_to_write():
+def test_a_controller_without_a_law_names_the_missing_method():
     with pytest.raises(NotImplementedError, match=r"write velocity_law\(memory, now\)"):
         settled(ModelFollower(SMALL.vehicle, limit=np.ones(3)), [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0])
 
 
-def test_a_limit_of_another_length_is_refused():
+def test_a_limit_of_wrong_length_is_refused():
     with refused("field.limit", ValueError, block="PdFeedforward", found="(2,)", commands=3):
         PdFeedforward(SMALL.vehicle, limit=np.ones(2))
 
 
-def test_a_wheel_that_cannot_do_both_turns_and_gives_up_speed():
+def test_a_saturated_wheel_turns_and_reduces_speed():
     """At its limit a wheel turns the vehicle off its path; so no wheel gets there, and the turn is what it was."""
     eased, limit = load("small").controller(), SMALL.vehicle.drivetrain.limit
     calm = settled(eased, np.zeros(3), (0.3, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))

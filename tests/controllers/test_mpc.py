@@ -54,7 +54,7 @@ PLACES = [(0.0, 0.2, 30), (0.0, 0.2, -30), (0.0, -0.2, 30), (0.0, -0.2, -30), (-
     ("file", "speed", "radius_m"), [(SMALL, 0.2, 1.0), (CAR, 0.5, 3.0)], ids=["robot", "car"]
 )
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
-def test_it_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m, moving):
+def test_mpc_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m, moving):
     """20 cm beside, behind or in front, 30° off: within 3 cm of the path after one metre of route, for good."""
     route, controller = circle(radius_m, speed), law(file)
     x, y, psi = route.eta[0]
@@ -67,7 +67,7 @@ def test_it_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m,
         assert np.all(np.abs(u) <= file.command.limit + 1e-9)
 
 
-def test_it_drives_a_vehicle_of_ones_own_which_it_never_met():
+def test_mpc_drives_a_custom_vehicle_class():
     """The omni robot drives aside: it takes back 20 cm and 30° with its heading along the route."""
     file = load("examples/omni_robot.toml")
     poses, u = drive(law(file), file, line(2.0, 0.2), (0.0, 0.2, 0.5), 6.0)
@@ -83,7 +83,7 @@ def test_no_command_exceeds_the_limit_of_its_motor():
     assert np.median(wheels) > 0.9  # the route is too fast, and it uses what there is
 
 
-def test_a_wall_is_not_passed():
+def test_mpc_does_not_cross_a_wall():
     """The route leads 0.5 m beyond the wall; without the wall it is followed."""
     route = line(1.5, 0.25)
     free, _ = drive(law(), SMALL, route, (0.0, 0.0, 0.0), 6.0)
@@ -92,7 +92,7 @@ def test_a_wall_is_not_passed():
     assert np.max(eta[:, 0]) < 1.01
 
 
-def test_a_lap_of_the_whole_loop_stays_on_its_path():
+def test_mpc_stays_on_its_path_for_a_lap():
     """At the file's own rate, with its estimator: nearer to the reference along the path than the feed-forward law."""
     run = repeat(SMALL, sinuous_circle(0.6, 0.08, 5, 0.2), controller=Mpc, duration_s=6.0)
     assert run.estimate is not None
@@ -106,7 +106,7 @@ def test_a_lap_of_the_whole_loop_stays_on_its_path():
     assert np.sqrt(np.mean(along[200:] ** 2)) < 0.006
 
 
-def test_where_the_solver_fails_the_old_plan_goes_on_and_then_the_drive_ends(monkeypatch):
+def test_a_failing_solver_uses_the_old_plan_and_then_ends_the_drive(monkeypatch):
     controller, standing = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
     ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
     state, first = controller.step(controller.init(), ahead, standing)
@@ -121,7 +121,7 @@ def test_where_the_solver_fails_the_old_plan_goes_on_and_then_the_drive_ends(mon
         controller.step(state, ahead._replace(t_ns=10**9), standing._replace(t_ns=10**9))
 
 
-def test_a_tick_in_which_the_solver_fails_stands_in_the_run(monkeypatch):
+def test_a_solver_failure_is_logged_in_the_run(monkeypatch):
     solve, calls = BoundedProgram.solve, []
 
     def fails_twice(self, *args):
@@ -149,18 +149,18 @@ AS_WRITTEN = ("simulate.as-written", {"room": "controller", "block": "Mpc"})
     ],
     ids=["simulate_loop", "tune", "forecast", "study driving"],
 )
-def test_a_use_that_needs_a_compiled_step_refuses_it_and_gives_the_command_to_type(use, code, figures):
+def test_functions_that_need_a_compiled_step_refuse_mpc(use, code, figures):
     with refused(code, UsageError, **figures):
         use(SMALL.with_values({"controller.kind": "mpc"}), circle(0.3, 0.2))
 
 
-def test_as_it_is_written_a_loop_is_simulated_with_it():
+def test_a_closed_loop_with_uncompiled_mpc_is_simulated():
     file = SMALL.with_values({"controller.kind": "mpc"})
     run = simulate_loop(file, circle(0.3, 0.2), duration_s=0.2, perfect=True, backend="numpy")
     assert run.truth.nu[-1, 0] > 0.02
 
 
-def test_without_its_solver_it_gives_the_command_to_type(monkeypatch):
+def test_a_missing_solver_is_reported_with_the_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "osqp", None)
     ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
     with refused("mpc.no-solver", UsageError):
@@ -168,6 +168,6 @@ def test_without_its_solver_it_gives_the_command_to_type(monkeypatch):
         controller.step(controller.init(), ahead, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
 
 
-def test_a_limit_of_another_length_is_refused():
+def test_a_limit_of_wrong_length_is_refused():
     with refused("field.limit", Invalid):
         replace(law(), limit=np.ones(2))

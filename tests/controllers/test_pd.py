@@ -24,31 +24,31 @@ def reference(x, y, psi):
 PD = Pd(alpha=2.0, beta=3.0, gamma=0.5)
 
 
-def test_one_metre_ahead_asks_for_alpha():
+def test_one_metre_ahead_gives_a_command_of_alpha():
     _, command = PD.step(PD.init(), reference(1.0, 0.0, 0.0), estimate(0.0, 0.0, 0.0))
     np.testing.assert_allclose(command.u, [2.0, 0.0, 0.0])
     assert command.t_ns == T0
 
 
-def test_a_vehicle_that_looks_left_has_a_point_ahead_on_the_map_to_its_right():
+def test_the_error_is_rotated_into_the_vehicle_frame():
     # ψ = 90°: the map's x is the body's −y, so e = (0, −1, 0) and the paper's PD asks for nothing
     _, command = PD.step(PD.init(), reference(1.0, 0.0, np.pi / 2), estimate(0.0, 0.0, np.pi / 2))
     np.testing.assert_allclose(command.u, [0.0, 0.0, 0.0], atol=1e-15)
 
 
-def test_a_metre_beside_the_path_is_never_corrected():
+def test_the_paper_pd_does_not_correct_a_sideways_error():
     _, command = PD.step(PD.init(), reference(0.0, 1.0, 0.0), estimate(0.0, 0.0, 0.0))
     np.testing.assert_allclose(command.u, 0.0)
 
 
-def test_heading_error_asks_for_beta_and_its_rate_for_gamma():
+def test_the_heading_command_has_gain_beta_and_rate_gain_gamma():
     state, first = PD.step(PD.init(), reference(0.0, 0.0, 0.2), estimate(0.0, 0.0, 0.0))
     assert first.u[2] == pytest.approx(3.0 * 0.2)  # ė is 0 on the first tick
     _, second = PD.step(state, reference(0.0, 0.0, 0.2), estimate(0.0, 0.0, 0.05, t_s=0.1))
     assert second.u[2] == pytest.approx(3.0 * 0.15 + 0.5 * (0.15 - 0.2) / 0.1)
 
 
-def test_heading_error_crosses_pi_between_two_ticks_without_a_kick():
+def test_heading_error_crosses_pi_without_a_jump_of_the_command():
     state, _ = PD.step(PD.init(), reference(0.0, 0.0, 3.1), estimate(0.0, 0.0, -0.04))
     _, command = PD.step(state, reference(0.0, 0.0, -3.13), estimate(0.0, 0.0, -0.04, t_s=0.1))
     before = 3.1 + 0.04  # just below π
@@ -64,13 +64,13 @@ def test_a_repeated_time_stamp_gives_no_derivative():
     assert command.u[2] == pytest.approx(0.9)
 
 
-def test_commands_keep_their_limit():
+def test_pd_commands_respect_their_limits():
     pd = Pd(alpha=2.0, beta=3.0, limit=np.array([1.0, 0.0, 0.5]))
     _, command = pd.step(pd.init(), reference(9.0, 9.0, 1.0), estimate(0.0, 0.0, 0.0))
     np.testing.assert_allclose(command.u, [1.0, 0.0, 0.5])
 
 
-def test_a_car_has_throttle_and_servo():
+def test_a_car_receives_throttle_and_servo_commands():
     pd = Pd(alpha=2.0, beta=3.0, limit=np.array([9.0, 9.0]))
     _, command = pd.step(pd.init(), reference(1.0, 0.0, 0.1), estimate(0.0, 0.0, 0.0))
     np.testing.assert_allclose(command.u, [2.0, 0.3])
@@ -81,7 +81,7 @@ place = st.floats(-50.0, 50.0)
 
 
 @given(place, place, angle, place, place, angle, st.tuples(place, place, angle), st.integers(-3, 3))
-def test_moving_and_turning_the_world_changes_no_command(x, y, psi, xr, yr, psir, move, turns):
+def test_commands_are_invariant_under_motions_of_the_world(x, y, psi, xr, yr, psir, move, turns):
     move = np.array(move)
     e, r = np.array([x, y, psi]), np.array([xr, yr, psir])
     state, command = PD.step(PD.init(), reference(*r), estimate(*e))
@@ -96,6 +96,6 @@ def test_moving_and_turning_the_world_changes_no_command(x, y, psi, xr, yr, psir
         np.testing.assert_allclose(there_next.u, here_next.u, atol=1e-9)
 
 
-def test_a_limit_of_the_wrong_length_is_refused_in_words():
+def test_a_limit_of_the_wrong_length_is_refused():
     with refused("pd.limit", ValueError, found="(4,)"):
         Pd(alpha=1.0, beta=1.0, limit=np.ones(4))

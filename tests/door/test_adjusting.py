@@ -33,7 +33,7 @@ def drive_with(*changes, at=100):
     return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers, duration_s=12.0), messages
 
 
-def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
+def test_a_new_gain_applies_from_the_next_tick_and_is_logged():
     file, run, messages = drive_with(("controller.k_x", 0.0))
     _, same, _ = drive_with()
     before = load("small").controller().k_x
@@ -62,7 +62,7 @@ def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
         ("controller.k_x", 10**400, "door.not-a-number"),
     ],
 )
-def test_a_change_that_is_not_allowed_is_reported_and_changes_nothing(path, value, code):
+def test_a_forbidden_gain_change_is_reported_and_ignored(path, value, code):
     own = load("small").controller()
     adjustable = Adjustable(own)
     with refused(code):
@@ -90,7 +90,7 @@ def test_only_the_holder_of_a_drive_sets_gains():
     assert operator.changes() == []
 
 
-def test_a_pace_pauses_the_guide_and_goes_on_and_stands_in_the_run():
+def test_a_pace_of_zero_pauses_the_guide_and_is_logged():
     _, run, messages = drive_with(("guide.pace", 0.0), at=100)
     v = run.reference.nu[:, 0]
     assert v[100] == pytest.approx(0.3)

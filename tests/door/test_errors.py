@@ -1,4 +1,4 @@
-"""An error keeps its exit code on the way from the vehicle to the laptop."""
+"""An error has the same exit code on the vehicle and on the laptop."""
 
 import io
 import json
@@ -17,13 +17,13 @@ def vehicle(**message):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_code_is_that_of_the_error_that_it_came_from(kind):
+def test_an_exit_code_gives_the_error_type_of_its_origin(kind):
     error = of_code(kind.exit_code, "why")
     assert (type(error), str(error)) == (kind, "why")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_the_vehicle_refuses_is_refused_here_for_the_same_reason(kind):
+def test_an_error_of_the_vehicle_is_raised_on_the_laptop(kind):
     with pytest.raises(kind, match="why") as error_info:
         vehicle(**{"is": "no", "why": "why", "code": kind.exit_code}).hear(("state",), 5.0)
     assert type(error_info.value) is kind

@@ -1,4 +1,4 @@
-"""A door that holds: a stop is read before all else, guests, lines and memory are bounded for any input."""
+"""A door under a flood: a stop has priority; guests, lines and memory are limited for any input."""
 
 import json
 import socket
@@ -75,7 +75,7 @@ class Flood(threading.Thread):
         self.join()
 
 
-def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, connect, turns):
+def test_rt15_a_stop_has_priority_over_five_flooding_guests(door, connect, turns):
     floods = [Flood(connect()) for _ in range(5)]
     until(lambda: len(turns) > 20 * SHARE)
     for _ in range(5):
@@ -91,7 +91,7 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
         flood.end()
 
 
-def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, connect, turns):
+def test_a_stop_has_priority_over_earlier_lines_of_its_guest(door, connect, turns):
     person = connect()
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.stop_reason(False) is not None)
@@ -100,14 +100,14 @@ def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, connect, tu
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
-def test_what_only_looks_like_a_stop_waits_for_its_turn(door, connect):
+def test_a_stop_inside_another_message_does_not_stop(door, connect):
     person = connect()
     person.say(do="ping", token={"do": "stop"})
     assert person.hear()["token"] == {"do": "stop"}
     assert door.operator.stop_reason(False) is None
 
 
-def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, connect):
+def test_a_guest_that_sends_too_fast_receives_the_number_of_dropped_lines(door, connect):
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
         guest = Guest(near_end)
@@ -124,7 +124,7 @@ def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(doo
     assert message["about"]["code"] == "door.too-many"
 
 
-def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():
+def test_a_second_queued_mission_is_dropped_but_no_heartbeat():
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
         near_end.setblocking(False)
@@ -141,7 +141,7 @@ def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():
         assert guest.next() == BEAT.rstrip()  # its places are free again
 
 
-def test_lines_are_answered_in_equal_shares(door, connect, turns):
+def test_all_guests_get_an_equal_share_of_answers(door, connect, turns):
     flood, quiet = Flood(connect()), connect()
     until(lambda: len(turns) > 10 * SHARE)
     for k in range(20):
@@ -152,7 +152,7 @@ def test_lines_are_answered_in_equal_shares(door, connect, turns):
     flood.end()
 
 
-def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_taken(door, connect):
+def test_a_stop_is_received_even_if_all_guest_places_are_taken(door, connect):
     door.tell({"is": "state", "state": "MISSION"})
     for _ in range(MOST_GUESTS):
         assert connect().hear()["is"] == "state"
@@ -170,7 +170,7 @@ def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_tak
     assert more[0].file.readline() == b""
 
 
-def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, connect):
+def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
     people = [connect() for _ in range(12)]
     for person in people:
         person.line.settimeout(20.0)
@@ -191,7 +191,7 @@ def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, connect):
     assert sum(guest.coming for guest in door._guests) <= 64 * LONG + 12 * (LONG + PIECE)
 
 
-def test_a_long_line_is_refused_while_somebody_drives(door, connect):
+def test_a_long_line_is_refused_during_a_drive(door, connect):
     driver, second = connect(), connect()
     until(lambda: len(door._guests) == 2)
     driver.say(do="mission", door=sockets.VERSION, mission="{}")
@@ -202,7 +202,7 @@ def test_a_long_line_is_refused_while_somebody_drives(door, connect):
     assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
 
 
-def test_a_page_is_silent_sooner_than_ssh(door, connect):
+def test_a_page_has_a_shorter_timeout_than_ssh(door, connect):
     assert HIDDEN_S < SILENCE_S
     for k, (by, silence_s) in enumerate((("page", HIDDEN_S), ("ssh", SILENCE_S))):
         person = connect()

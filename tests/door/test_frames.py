@@ -1,4 +1,4 @@
-"""Frames: each tick once and in order, encoded once for all; what nobody reads is replaced."""
+"""Frames: each tick is sent once and in order and is encoded once for all guests; unread frames are replaced."""
 
 import json
 import socket
@@ -52,7 +52,7 @@ def rows_of(drive, first_row=0, columns=None):
     return json.loads(drive.frame(first_row, columns))
 
 
-def test_a_row_holds_the_numbers_of_its_tick(drive_of_service):
+def test_a_row_contains_the_values_of_its_tick(drive_of_service):
     file, listening, run = drive_of_service
     drive = DriveRows(file, listening.estimator)
     frames = Frames()
@@ -78,7 +78,7 @@ def test_a_row_holds_the_numbers_of_its_tick(drive_of_service):
     assert row["progress"] is None
 
 
-def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(drive_of_service):
+def test_every_tick_is_sent_once_and_in_order(drive_of_service):
     file, listening, _ = drive_of_service
     drive, frames, rows_shown, rows = DriveRows(file), Frames(), 0, []
     frames._drive = drive
@@ -95,7 +95,7 @@ def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(drive_of_service
     np.testing.assert_allclose(np.ravel(rows), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
 
 
-def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(drive_of_service):
+def test_rows_lost_by_the_ring_buffer_show_as_a_gap(drive_of_service):
     file, listening, _ = drive_of_service
     drive, frames = DriveRows(file), Frames()
     frames._drive = drive
@@ -107,7 +107,7 @@ def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(drive_of_service):
     assert len(frame["x"]) <= RING
 
 
-def test_progress_grows_over_all_laps_and_an_eights_crossing_is_not_a_short_cut():
+def test_progress_grows_over_all_laps_and_across_the_crossing_of_an_eight():
     for route, laps in ((shapes.circle(0.5, 0.3), 3), (shapes.eight(0.5, 0.3), 2)):
         along, places = AlongRoute(route), []
         for _ in range(laps):
@@ -122,7 +122,7 @@ def test_progress_grows_over_all_laps_and_an_eights_crossing_is_not_a_short_cut(
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, drive_of_service):
+def test_at_most_one_frame_waits_for_a_guest_that_does_not_read(door, drive_of_service):
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     sleeper, healthy = Person(door.path), Person(door.path)
@@ -151,7 +151,7 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, drive_of_serv
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door, drive_of_service):
+def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, drive_of_service):
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     person = Person(door.path)
@@ -206,7 +206,7 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_what_is_reported_wakes_the_door_and_is_encoded_once(door, monkeypatch):
+def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
     encodings, encoded = [], sockets.encoded
     monkeypatch.setattr(sockets, "encoded", lambda message: encodings.append(message) or encoded(message))
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives
@@ -222,7 +222,7 @@ def test_what_is_reported_wakes_the_door_and_is_encoded_once(door, monkeypatch):
 
 @pytest.mark.parametrize("hz", ["a", None, [], float("nan")])
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_a_watch_with_a_wrong_rate_ends_nothing(door, hz):
+def test_a_watch_with_a_wrong_rate_does_not_end_the_connection(door, hz):
     person = Person(door.path)
     person.say(do="watch", hz=hz)
     person.say(do="ping", token=1)

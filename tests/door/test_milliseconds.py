@@ -31,7 +31,7 @@ def times(place):
     return bench.in_turn(guest, door, ROUNDS)
 
 
-def test_rt15_a_stop_under_the_flood_of_five_is_a_zero_command_within_50_ms(times):
+def test_rt15_a_stop_gives_zero_command_within_50_ms_under_flooding(times):
     later = median(b - a for a, b in zip(times.quiet, times.flooded, strict=True))
     assert TICK_MS + later <= bench.MOST_STOP_MS, times
     assert min(times.flooded) <= bench.MOST_STOP_MS, times
@@ -44,7 +44,7 @@ def test_a_message_arrives_within_5_ms(times):
     )
 
 
-def test_ne5_twelve_guests_who_ask_for_the_runs_take_little_memory(place):
+def test_ne5_twelve_guests_that_request_runs_use_little_memory(place):
     service, guest, door = place
     before, growth_mb = bench.grown_mb(service, guest, door, 3.0)
     assert growth_mb <= bench.MOST_MB, before

@@ -1,4 +1,4 @@
-"""The mailbox of the loop: what was dealt with is forgotten, and nothing else."""
+"""The mailbox of the loop: only a processed request is removed."""
 
 import signal
 import sys
@@ -14,7 +14,7 @@ SILENT = stop(StopReason.IMU_SILENT)
 PATIENCE_S = 20.0  # until what does not come counts as hung
 
 
-def test_a_stop_that_comes_while_another_reason_is_dealt_with_stays():
+def test_a_stop_that_arrives_during_another_stop_remains():
     operator = Operator()
     operator.stop(TEACHER)
     operator.forget(SILENT)
@@ -27,7 +27,7 @@ def test_a_stop_that_comes_while_another_reason_is_dealt_with_stays():
 @pytest.mark.parametrize(
     ("word", "args"), [("forget", (SILENT,)), ("stop", (TEACHER,)), ("hold", ("me",)), ("may_ask", ("me",))]
 )  # fmt: skip
-def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
+def test_a_signal_handler_waits_for_no_lock(word, args):
     operator, rung = Operator(), []
 
     def on_alarm(number, frame):
@@ -56,7 +56,7 @@ def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
     assert operator.stop_reason(attended=False).code == StopReason.SERVICE_ENDED
 
 
-def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_reported_to_drive():
+def test_the_busy_message_distinguishes_a_drive_from_a_rest_between_drives():
     operator = Operator()
     operator.ask("me", "a mission")
     with pytest.raises(SafetyStop) as error_info:

@@ -1,4 +1,4 @@
-"""The vehicle as the laptop has it: a drive that is done is one's own, or not meant."""
+"""The vehicle as the laptop accesses it: the end of another drive does not end the own drive."""
 
 import socket
 import threading
@@ -65,7 +65,7 @@ def mission():
     return packed(Mission("experiment", u=np.zeros((100, 3))), vehicle_file.load("small"))
 
 
-def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, mission, tmp_path):
+def test_the_end_of_another_drive_does_not_end_the_own_drive(vehicle, mission, tmp_path):
     foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
     vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]
     with reached(str(vehicle.door.path)) as remote:
@@ -83,9 +83,7 @@ def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, miss
 
 
 @pytest.mark.parametrize("version", [None, 1, 3])
-def test_a_vehicle_of_another_version_is_reported_before_anything_is_driven(
-    vehicle, mission, tmp_path, version
-):
+def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mission, tmp_path, version):
     with reached(str(vehicle.door.path)) as remote:
         remote.state.pop("door")
         remote.state |= {} if version is None else {"door": version}

@@ -82,7 +82,7 @@ def child(folder):
     assert child.close() == 0
 
 
-def test_it_teaches_repeats_and_shows_each_tick(child, folder):
+def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder):
     child.say(do="watch", hz=20)
     names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
     done, _ = child.drive(kind="teach", name="oval", shape="circle", size_m=0.4, speed_m_s=0.3)
@@ -110,7 +110,7 @@ def test_it_teaches_repeats_and_shows_each_tick(child, folder):
     assert {m["laps"] for m in states} == {2}
 
 
-def test_a_hand_drives_and_its_lesson_is_a_route(child, folder):
+def test_a_drive_by_hand_records_a_route(child, folder):
     child.say(do="pace", factor=4.0)
     turns = {"do": "hand", "u": [0.6, 0.0, 0.1]}
     child.say(do="mission", door=VERSION, id="one", kind="teach", name="by-hand", hold=False)
@@ -123,7 +123,7 @@ def test_a_hand_drives_and_its_lesson_is_a_route(child, folder):
     assert read_run(folder / "runs" / done["run"]).applied[:, 0].max() > 0.3
 
 
-def test_silence_stops_a_page_and_clear_makes_it_ready_again(child):
+def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
     child.say(do="mission", door=VERSION, id="one", kind="drive", by="page")
     done = child.until(lambda m: m["is"] == "done")[-1]
     assert done["why"]["code"] == StopReason.HOLDER_SILENT
@@ -134,7 +134,7 @@ def test_silence_stops_a_page_and_clear_makes_it_ready_again(child):
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
 
 
-def test_time_stands_goes_tick_by_tick_and_a_stop_is_taken_while_it_stands(child):
+def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
     child.say(do="mission", door=VERSION, id="one", kind="experiment", seconds=60.0, attended=False)
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.0)
     child.say(do="pause")
@@ -162,7 +162,7 @@ def test_time_stands_goes_tick_by_tick_and_a_stop_is_taken_while_it_stands(child
         ({}, "mission.damaged"),
     ],
 )
-def test_what_cannot_be_driven_is_reported_and_ends_nothing(tmp_path, mission, code):
+def test_an_invalid_mission_is_refused(tmp_path, mission, code):
     with refused(code), planned(json.dumps(mission), load("small"), StoredRoutes(tmp_path), 0):
         pass
 
@@ -173,7 +173,7 @@ def test_a_whole_mission_brings_its_own_vehicle_file(tmp_path):
         assert (plan.file.name, plan.mission.laps, plan.seed) == ("small", 3, 7)
 
 
-def test_a_route_of_a_strange_name_is_not_listed(tmp_path):
+def test_a_route_with_an_invalid_name_is_not_listed(tmp_path):
     shape = shapes.circle(0.4, 0.25)
     from baqueano.runs.route_file import write_route
 
@@ -196,7 +196,7 @@ class Time:
         self.now_s += seconds
 
 
-def test_pace_is_simulated_seconds_in_a_second():
+def test_the_pace_is_simulated_seconds_per_real_second():
     clock = Time()
     pace = PacedClock(4.0, lambda: clock.now_s, clock.sleep)
     ticks = pace.ticks(100.0, lambda: False)
@@ -208,7 +208,7 @@ def test_pace_is_simulated_seconds_in_a_second():
     assert clock.now_s == pytest.approx(3.0)
 
 
-def test_a_slow_computer_stretches_time_and_leaves_no_tick_out():
+def test_a_slow_computer_slows_time_and_skips_no_tick():
     clock = Time()
     pace = PacedClock(50.0, lambda: clock.now_s, clock.sleep)
     times = []
@@ -219,7 +219,7 @@ def test_a_slow_computer_stretches_time_and_leaves_no_tick_out():
     assert pace.late_ms < 150.0
 
 
-def test_paused_time_stands_until_the_drive_is_interrupted():
+def test_paused_time_stays_paused_until_the_drive_is_interrupted():
     clock, interrupts = Time(), []
     pace = PacedClock(1.0, lambda: clock.now_s, clock.sleep)
     pace.pause()
@@ -237,7 +237,7 @@ def test_a_pace_that_is_not_a_number_is_refused(factor):
         PacedClock().set(factor)
 
 
-def test_no_vehicle_is_an_error_of_one_paragraph(tmp_path):
+def test_a_missing_vehicle_gives_an_error_of_one_paragraph(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "baqueano.door.simulated", "what there is not"],
         capture_output=True, text=True, cwd=tmp_path, stdin=subprocess.DEVNULL,
@@ -254,7 +254,7 @@ def truths(messages, names):
     return {row[t]: (row[x], row[y]) for m in messages[begin:] if m["is"] == "frame" for row in m["x"]}
 
 
-def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, folder):
+def test_a_fault_acts_at_once_and_not_in_the_fault_free_twin(child, folder):
     child.say(do="watch", hz=20)
     names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
     child.say(do="mission", door=VERSION, id="one", kind="experiment", seconds=8.0, attended=False, seed=5)
@@ -285,7 +285,7 @@ def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, f
     assert len(truths(messages, names)) > 0.5 * len(twin.t_ns)
 
 
-def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, folder):
+def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, folder):
     mission = {"kind": "experiment", "seconds": 30.0, "seed": 5, "shake": ["0.5 s: sag 80 %"]}
     child.say(do="mission", door=VERSION, id="one", attended=False, **mission)
     child.until(lambda m: m["is"] == "ledger" and m["rows"])
@@ -314,13 +314,13 @@ def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, fo
         ({"do": "mission", "door": VERSION, "kind": "drive", "shake": "dance"}, "shake.too-many"),
     ],
 )
-def test_what_is_not_a_fault_now_is_refused(child, word, code):
+def test_an_invalid_fault_is_refused(child, word, code):
     child.say(**word, id="bad")
     message = child.until(lambda m: m["is"] == "no" or (m["is"] == "done" and m["id"] == "bad"))[-1]
     assert (message.get("about") or message["why"])["code"] == code
 
 
-def test_a_drive_by_hand_is_not_driven_again(child):
+def test_a_drive_by_hand_is_not_repeated_without_faults(child):
     child.say(do="mission", door=VERSION, id="one", kind="drive")
     child.until(
         lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.1, {"do": "hand", "u": [0.3, 0.0, 0.0]}

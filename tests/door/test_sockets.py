@@ -1,4 +1,5 @@
-"""The door of the service: every word reaches the operator, nonsense ends nothing, a sleeper holds up nobody."""
+"""The door of the service: every message reaches the operator, an invalid message ends nothing, a slow guest delays no
+other."""
 
 import base64
 import json
@@ -89,7 +90,7 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
     assert not attended
     commands = []
 
-    def hand_arrives():  # said again and again: a set-point is one for 0.4 s only
+    def hand_arrives():  # sent repeatedly: a set-point is valid for 0.4 s only
         person.say(do="hand", u=[0.1, 0.0, 0.2])
         commands.append(door.operator.command(3))
         return commands[-1].any()
@@ -114,7 +115,7 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, peo
 
 
 @pytest.mark.parametrize("ticks", [3, 3000])
-def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypatch, ticks):
+def test_a_refused_mission_is_not_decoded(door, person, people, monkeypatch, ticks):
     file, decoded_texts, loads = vehicle_file.load("small"), [], json.loads
     person.say(
         do="mission", door=VERSION, mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
@@ -129,14 +130,14 @@ def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypa
     assert len(decoded_texts) == (len(large) < LONG)
 
 
-def test_several_words_in_one_piece_are_all_received(door, person):
+def test_several_messages_in_one_packet_are_all_received(door, person):
     person.line.sendall(b'{"do": "ping", "token": 1}\n{"do": "ping", "token": 2}\n{"do": "ping", ')
     assert [person.hear()["token"] for _ in range(2)] == [1, 2]
     person.line.sendall(b'"token": 3}\n')
     assert person.hear()["token"] == 3
 
 
-def test_rt14_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door, person, people):
+def test_rt14_a_mission_of_a_disconnected_guest_is_not_given_to_the_next(door, person, people):
     mission = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
     person.say(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.next() is not None)
@@ -144,7 +145,7 @@ def test_rt14_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door
     assert person.hear()["about"]["code"] == "door.own-mission"
     person.close()
     second = people()
-    until(lambda: door.operator.stop_reason() is not None)  # nobody is heard any more
+    until(lambda: door.operator.stop_reason() is not None)  # no guest is received any more
     second.say(do="mission", door=VERSION, mission=mission)
     assert second.hear()["about"]["code"] == "door.mission"
     second.say(do="beat")
@@ -173,7 +174,7 @@ def test_rt14_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door
         b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file system's names
     ],
 )
-def test_fi6_a_wrong_line_is_answered_and_ends_nothing(door, person, line):
+def test_fi6_a_wrong_line_is_answered_without_disconnecting(door, person, line):
     door.operator.hold(next(iter(until_guest(door))))  # whose set-points are read
     person.line.sendall(line + b"\n")
     assert person.hear()["is"] == "no"
@@ -188,13 +189,13 @@ def test_a_new_guest_receives_the_last_state_at_once(door, people):
     assert people().hear() == {"is": "state", "state": "MISSION", "door": VERSION}
 
 
-def test_a_stop_is_acknowledged_once_the_operator_has_it(door, person):
+def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):
     person.say(do="stop", why="it nears the stairs")
     assert person.hear() == {"is": "heard", "do": "stop"}
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
 
 
-def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_too(door, person):
+def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, person):
     person.say(do="mission", mission="{}", id="one")
     message = person.hear()
     assert (message["is"], message["code"], message["about"]["code"]) == ("no", 2, "door.version")
@@ -205,7 +206,7 @@ def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_to
 @pytest.mark.parametrize(
     "reason", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
 )
-def test_a_stop_stops_for_any_reason(door, person, reason):
+def test_a_stop_is_accepted_with_any_reason(door, person, reason):
     person.say(do="stop", why=reason)
     assert person.hear() == {"is": "heard", "do": "stop"}
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
@@ -228,7 +229,7 @@ def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
     assert content == data
 
 
-def test_a_run_of_a_power_cut_without_a_byte_is_fetched(door, person, tmp_path):
+def test_an_empty_run_of_a_power_cut_is_fetched(door, person, tmp_path):
     (tmp_path / "a.mcap").touch()
     person.say(do="fetch", run="a.mcap")
     assert person.hear() == {"is": "file", "run": "a.mcap", "data": "", "left": 0}
@@ -244,7 +245,7 @@ def test_a_run_that_is_being_written_is_not_among_the_runs(door, person, tmp_pat
         assert person.hear() == {"is": "runs", "runs": names}
 
 
-def test_ne5_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person, people):
+def test_ne5_a_guest_that_does_not_read_is_disconnected(door, person, people):
     people()
     until(lambda: len(door._guests) == 2)
     for k in range(200):
@@ -253,7 +254,7 @@ def test_ne5_one_who_does_not_read_is_let_go_and_the_others_hear_on(door, person
     until(lambda: len(door._guests) == 1)
 
 
-def test_a_holder_who_hangs_up_leaves_the_vehicle_to_others(door, person):
+def test_a_disconnected_driver_releases_the_vehicle(door, person):
     door.operator.hold(next(iter(until_guest(door))))
     person.close()
     until(lambda: not door._guests)
@@ -265,7 +266,7 @@ def until_guest(door):
     return door._guests
 
 
-def test_a_second_service_is_refused_and_the_socket_of_a_dead_one_is_taken_over(door, tmp_path):
+def test_a_second_service_is_refused_and_a_dead_socket_is_replaced(door, tmp_path):
     with refused("door.runs-already", RobotUnreachable):
         Door(door.path, Operator(), tmp_path)
     dead = tmp_path / "dead"
@@ -276,6 +277,6 @@ def test_a_second_service_is_refused_and_the_socket_of_a_dead_one_is_taken_over(
 
 
 @pytest.mark.parametrize("word", ["shake", "again", "pace", "pause"])
-def test_a_robot_takes_no_word_of_a_simulation(person, word):
+def test_a_robot_refuses_commands_of_a_simulation(person, word):
     person.say(do=word, kind="sag", part=0.5)
     assert person.hear()["about"]["code"] == "door.unknown-word"

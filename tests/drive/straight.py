@@ -1,4 +1,4 @@
-"""Straight on for five metres with unequal wheels: what is left of the heading, and how far beside."""
+"""Five metres straight ahead with unequal wheels: the remaining heading error and the sideways error."""
 
 from datetime import date
 from typing import NamedTuple
@@ -33,7 +33,7 @@ def as_fitted(file, key="model.actuator_matrix"):
 
 
 def random_vehicle(seed):
-    """A file of a vehicle of two wheels that nobody chose."""
+    """A random vehicle file with two wheels."""
     rng = np.random.default_rng(seed)
 
     def x(low, high):
@@ -53,7 +53,7 @@ def random_vehicle(seed):
 
 
 def body(file, yaw_gain=1.0):
-    """The file of a body with unequal wheels that turns `yaw_gain` times as hard as `file` says."""
+    """The file of a body with unequal wheels whose yaw gain is `yaw_gain` times that of `file`."""
     T = np.array(file.vehicle.actuator_matrix)
     T[2] *= yaw_gain
     settings = (
@@ -64,7 +64,7 @@ def body(file, yaw_gain=1.0):
 
 
 def hand_for(seconds, u, rate_hz):
-    """Somebody who wants `u` for so long, and then ends the drive."""
+    """A driver who commands `u` for this duration and then ends the drive."""
     ticks_to_go = [round(seconds * rate_hz)]
 
     def hand():

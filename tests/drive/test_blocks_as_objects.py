@@ -1,4 +1,4 @@
-"""Blocks that are passed as classes or objects, and what the run keeps of them."""
+"""Blocks that are passed as classes or objects, and the information that the run stores about them."""
 
 import linecache
 from dataclasses import dataclass, replace
@@ -63,7 +63,7 @@ class Push:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ahead:
-    """Asks for the end of its route."""
+    """A guide that returns the end of its route."""
 
     eta: np.ndarray
 
@@ -79,28 +79,28 @@ def drive_with(**blocks):
 
 
 def in_a_cell(name="<cell 1>"):
-    """The class of CELL as a notebook defines it: its module is no file, and linecache knows the cell."""
+    """The class of CELL as a notebook defines it: its module has no file, and linecache contains the cell."""
     linecache.cache[name] = (len(CELL), None, CELL.splitlines(keepends=True), name)
     cell = {"__name__": "__main__"}
     exec(compile(CELL, name, "exec"), cell)
     return cell["InACell"]
 
 
-def test_a_class_and_an_object_drive_as_the_same_file_does():
+def test_a_class_an_object_and_a_file_give_the_same_drive():
     by_file = drive_with(controller=f"{__file__}:Push")
     for controller in (Push, Push()):
         assert np.array_equal(drive_with(controller=controller).applied, by_file.applied)
     assert not np.array_equal(drive_with(controller=Push(4.0)).applied, by_file.applied)
 
 
-def test_a_class_gets_what_the_vehicle_file_says():
+def test_a_block_class_is_configured_by_the_vehicle_file():
     file = SMALL.with_values({"controller.kind": f"{__file__}:Push"}).with_values({"controller.gain": 5.0})
     assert file.controller(Push).gain == 5.0
     assert type(SMALL.estimator(DeadReckoning)) is DeadReckoning
     assert SMALL.guide(ROUTE, Ahead).eta is ROUTE.eta
 
 
-def test_each_verb_takes_them():
+def test_each_drive_function_accepts_classes_and_objects():
     assert experiment(SMALL, np.zeros((10, 3)), estimator=DeadReckoning).estimate is not None
     lesson = teach(SMALL, ROUTE, estimator=DeadReckoning, controller=Push(4.0), duration_s=2.0).run
     assert lesson.metadata["controller"] == "Push(gain=4.0)"
@@ -111,7 +111,7 @@ def test_each_verb_takes_them():
     assert np.array_equal(replay(run, guide=Ahead, controller=Push).reference.eta[0], ROUTE.eta[-1])
 
 
-def test_a_run_keeps_the_text_of_a_block_and_its_numbers(tmp_path):
+def test_a_run_stores_the_source_and_parameters_of_a_block(tmp_path):
     run = drive_with(controller=Push(4.0), path=tmp_path / "run.mcap")
     metadata = read_run(tmp_path / "run.mcap").metadata
     assert metadata["controller"] == run.metadata["controller"] == "Push(gain=4.0)"
@@ -119,7 +119,7 @@ def test_a_run_keeps_the_text_of_a_block_and_its_numbers(tmp_path):
     assert "estimator.text" not in metadata  # it is ours, and the version stands in the run
 
 
-def test_a_run_keeps_the_text_of_a_file_and_of_a_cell():
+def test_a_run_stores_the_source_of_a_file_or_a_notebook_cell():
     controller = resolve("controller", f"{__file__}:Push")()
     assert "class Push" in drive_with(controller=controller).metadata["controller.text"]
     assert drive_with(controller=in_a_cell()).metadata["controller.text"] == CELL
@@ -135,7 +135,7 @@ def test_a_run_keeps_the_text_of_a_file_and_of_a_cell():
         ("np.full(3, np.nan)", StopReason.BLOCK_RETURNED, ("found", "Reference.eta = [nan, nan, nan]")),
     ],
 )
-def test_a_guide_inside_of_another_is_named_and_its_text_is_kept(
+def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(
     tmp_path, returned, code, figure, backend, eta
 ):
     """Guides of ours go around the one that is wrong: a pace, a way back and, beside its route, a lead-in."""
@@ -153,20 +153,20 @@ def test_a_guide_inside_of_another_is_named_and_its_text_is_kept(
 
 
 class Telling(Repeat):
-    """Tells that it has its own state."""
+    """A guide that reports in a diagnostic whether it received its own state."""
 
     def diagnostic(self, state):
         return note("drive.on-mark") if isinstance(state, RepeatState) else None
 
 
-def test_a_guide_inside_of_another_tells_what_it_has_to_tell():
+def test_diagnostics_of_a_wrapped_guide_reach_the_run():
     guide = Telling.along(ROUTE)
     run = repeat(SMALL, ROUTE, guide=guide, eta=ROUTE.eta[0] + (0.1, 0.3, 0.0), way_back=True, duration_s=0.1)
     codes = [event.diagnostic.code for event in run.events if event.source == "guide"]
     assert codes == ["drive.on-mark"] * len(run.t_ns)
 
 
-def test_a_run_says_where_the_text_of_a_block_is_not_known():
+def test_a_run_reports_a_block_with_unknown_source():
     controller = in_a_cell("<cell 2>")
     del linecache.cache["<cell 2>"]
     run = drive_with(controller=controller)
@@ -182,13 +182,13 @@ def test_a_run_says_where_the_text_of_a_block_is_not_known():
     [(3, "block.not-a-block"), (ROUTE, "block.not-a-block"), (PdFeedforward, "block.of-other-room"),
      (Push(), "block.of-other-room")],
 )  # fmt: skip
-def test_what_cannot_stand_in_a_room_is_refused(block, code):
+def test_an_unsuitable_block_is_refused(block, code):
     with pytest.raises(UsageError) as error_info:
         drive_with(estimator=block)
     assert error_info.value.diagnostic.code == code
 
 
-def test_a_run_without_a_vehicle_file_says_so():
+def test_a_replay_of_a_run_without_a_vehicle_file_is_refused():
 
     with pytest.raises(UsageError) as error_info:
         replay(replace(drive_with(), vehicle_text=""))

@@ -48,7 +48,7 @@ def world_of(file):
     return SimulatedWorld(file.vehicle, file.sensors, file.rate_hz)
 
 
-def test_a_block_that_hangs_is_stopped_and_its_line_is_named():
+def test_a_hanging_block_is_stopped_and_its_line_is_named():
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
@@ -62,7 +62,7 @@ def test_a_block_that_hangs_is_stopped_and_its_line_is_named():
     assert np.all(run.applied[-20:] == 0.0)
 
 
-def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
+def test_an_external_stop_reason_is_latched_and_logged():
     file = vehicle_file.load("small")
     lifted = stop(StopReason.STOPPED_BY, words="the vehicle was lifted")
 
@@ -81,7 +81,7 @@ def test_a_reason_to_stop_from_outside_is_latched_and_in_the_run():
     assert np.all(run.applied[25:] == 0.0)
 
 
-def test_the_alarm_is_given_back_and_does_not_ring_later():
+def test_the_alarm_handler_is_restored_and_no_alarm_remains():
     before = signal.getsignal(signal.SIGALRM)
     left_s, _ = within(5.0, signal.getitimer, signal.ITIMER_REAL)
     assert left_s > 0.0
@@ -106,11 +106,11 @@ class AlarmAtInstruction:
         return self
 
 
-def test_an_alarm_at_any_instruction_is_a_timeout_or_too_late_and_nothing_else():
+def test_an_alarm_at_any_instruction_raises_a_timeout_or_has_no_effect():
     """It may come after the block's end too, before its budget is taken away."""
     before, tracing, ends = signal.getsignal(signal.SIGALRM), sys.gettrace(), []
     sys._getframe().f_trace_opcodes = (
-        True  # Python 3.12 tells of instructions only if it was asked before `settrace`
+        True  # Python 3.12 reports instructions only if requested before `settrace`
     )
     for at in itertools.count(1):
         alarm = AlarmAtInstruction(at)
@@ -131,7 +131,7 @@ def test_an_alarm_at_any_instruction_is_a_timeout_or_too_late_and_nothing_else()
     assert len(ends) - late > 2, "alarms came after the end of the block"
 
 
-def test_a_live_drive_into_a_file_does_not_read_it_back(tmp_path):
+def test_a_live_drive_does_not_read_its_run_file(tmp_path):
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",

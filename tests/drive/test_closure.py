@@ -1,4 +1,4 @@
-"""What coming back to a mark tells: on simulated vehicles whose gyro and wheels are not what their file says."""
+"""The return to a mark identifies the gyro scale: simulated vehicles whose gyro and wheels differ from their file."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def file():
 
 
 class ByTruth(Observer):
-    """Commands of a driver who sees the vehicle itself: `turns` round on the spot, or `metres` ahead, then rest."""
+    """Commands of a driver who sees the vehicle itself: `turns` in place or `metres` ahead, then rest."""
 
     def __init__(self, world, rate_hz, turns, ahead):
         self.world, self.rate_hz, self.goals, self.ahead = world, rate_hz, turns, ahead
@@ -58,7 +58,7 @@ class ByTruth(Observer):
         ahead = self.ahead if abs(remaining) > 0.5 else 0.0
         return np.array([ahead, 0.0, turn + np.sign(remaining) * 0.32 * (abs(remaining) > 0.01)])
 
-    def marked(self):
+    def marks(self):
         marks, self.marks = self.marks, 0
         return marks
 
@@ -71,7 +71,7 @@ def drive_of_turns(file, turns, seed=3, ahead=0.0, scale=TRUE):
     return teach(file, driver, world=world, ticking=simulated(file.rate_hz, 120.0), observers=[driver]).run
 
 
-def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
+def test_whole_turns_on_a_mark_identify_the_gyro_scale(file):
     for seed in (11, 12, 13):
         run = drive_of_turns(file, [2.0 * np.pi, 6.0 * np.pi], seed)
         assert len(marks_of(run)) == 3
@@ -85,7 +85,7 @@ def test_a_whole_turn_on_the_mark_tells_the_scale_of_the_gyro(file):
         assert f"--set sensors.imu.gyro_scale={loop.values['sensors.imu.gyro_scale']}" in loop.table()
 
 
-def test_turns_to_the_right_tell_the_same(file):
+def test_right_turns_identify_the_same_gyro_scale(file):
     loop = closure(drive_of_turns(file, [-4.0 * np.pi]), file)
     assert loop.turns == -2
     assert abs(loop.scale - TRUE) < 2.0 * loop.sd
@@ -104,7 +104,7 @@ def test_a_drive_without_rest_is_refused(file):
         closure(replace(run, applied=commands), file)
 
 
-def test_one_mark_or_no_gyro_tells_nothing(file):
+def test_a_closure_needs_two_marks_and_a_gyro(file):
     run = drive_of_turns(file, [2.0 * np.pi])
     with refused("marks.too-few", AnswerNo, marks=1):
         closure(replace(run, events=run.events[:1]), file)
@@ -121,7 +121,7 @@ def test_an_eight_is_refused_with_and_without_a_mark_at_its_crossing(file):
     assert closure(replace(run, events=(first, middle)), file).scale == pytest.approx(TRUE, abs=0.01)
 
 
-def test_the_scale_of_the_wheels_takes_a_length_and_no_closure_tells_it(tmp_path):
+def test_a_closure_does_not_identify_the_wheel_scale(tmp_path):
     text = vehicle_file.load(SMALL).text.replace("[estimator]", WHEELS + "\n[estimator]", 1)
     path = tmp_path / "vehicle.toml"
     path.write_text(text, encoding="utf-8")
@@ -136,7 +136,7 @@ def test_the_scale_of_the_wheels_takes_a_length_and_no_closure_tells_it(tmp_path
     assert f"of {length_m:g} m" in loop.table()
 
 
-def test_a_loop_that_is_driven_larger_closes_as_well():
+def test_a_larger_loop_closes_equally_well():
     shape = shapes.circle(1.0, 0.3)
     dt = np.diff(shape.t_s)
     for scale in (0.5, 1.0, 2.0):

@@ -68,7 +68,7 @@ def wait(hand, terminal, seconds):
     return u
 
 
-def test_keys_drive_within_their_share_of_the_limit():
+def test_keys_command_only_a_share_of_the_limit():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, share=0.5) as hand:
         assert (RELEASES_ON, RELEASES_OFF) in terminal.changes
@@ -100,7 +100,7 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
         assert np.array_equal(wait(hand, terminal, 1.0), np.zeros(3))
 
 
-def test_a_program_that_was_held_up_does_not_take_its_own_pause_for_a_dead_terminal():
+def test_a_pause_of_the_program_is_not_mistaken_for_a_dead_terminal():
     terminal = Terminal(kitty=True)
     with cockpit(terminal) as hand:
         wait(hand, terminal, 1.0)
@@ -110,7 +110,7 @@ def test_a_program_that_was_held_up_does_not_take_its_own_pause_for_a_dead_termi
         assert hand.status.terminal_ms < 40.0
 
 
-def test_a_latched_set_point_ends_with_the_terminal_too():
+def test_a_dead_terminal_ends_a_latched_set_point_too():
     terminal = Terminal()
     with cockpit(terminal, latched=True) as hand:
         terminal.type("w", "w")
@@ -119,7 +119,7 @@ def test_a_latched_set_point_ends_with_the_terminal_too():
         assert np.array_equal(wait(hand, terminal, 0.5), np.zeros(3))
 
 
-def test_a_terminal_that_never_answers_is_reported_and_drives_for_the_time_of_a_key_alone():
+def test_a_silent_terminal_drives_only_during_each_key_press():
     terminal = Terminal()
     terminal.there = False
     with cockpit(terminal, latched=True) as hand:
@@ -133,7 +133,7 @@ def test_a_terminal_that_never_answers_is_reported_and_drives_for_the_time_of_a_
         assert hand.stop_reason(0) is None
 
 
-def test_one_that_is_answered_for_by_another_program_is_asked_nothing():
+def test_a_terminal_behind_another_program_receives_no_query():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, trusted=False, latched=True) as hand:
         wait(hand, terminal, 1.0)
@@ -141,7 +141,7 @@ def test_one_that_is_answered_for_by_another_program_is_asked_nothing():
         assert hand.status.way.startswith("hold to drive, tap")
 
 
-def test_the_end_of_the_terminal_stops_at_once():
+def test_a_closed_terminal_stops_the_vehicle_at_once():
     terminal = Terminal(kitty=True)
     with cockpit(terminal) as hand:
         terminal.type("w")
@@ -151,7 +151,7 @@ def test_the_end_of_the_terminal_stops_at_once():
         assert hand.stop_reason(0).code == StopReason.TERMINAL_CLOSED
 
 
-def test_space_stops_for_good_and_q_ends_the_drive():
+def test_the_space_bar_latches_a_stop_and_q_ends_the_drive():
     terminal = Terminal(kitty=True)
     with cockpit(terminal) as hand:
         terminal.type("w", " ")
@@ -163,7 +163,7 @@ def test_space_stops_for_good_and_q_ends_the_drive():
             hand()
 
 
-def test_who_sees_late_drives_slowly():
+def test_a_slow_connection_limits_the_speed():
     terminal = Terminal(kitty=True, trip_s=0.1)
     with cockpit(terminal, share=1.0) as hand:
         hand.show({"link_ms": 60.0})
@@ -172,15 +172,15 @@ def test_who_sees_late_drives_slowly():
         assert b"slowed to 5" in terminal.sent
 
 
-def test_marks_are_counted_for_a_vehicle_and_for_a_world_here():
+def test_marks_are_counted_for_real_and_simulated_vehicles():
     terminal = Terminal()
     with cockpit(terminal) as hand:
         terminal.type("m", "m")
         hand()
         assert hand.words() == [{"do": "mark"}] * 2
         assert hand.words() == []
-        assert hand.marked() == 2
-        assert hand.marked() == 0
+        assert hand.marks() == 2
+        assert hand.marks() == 0
 
 
 def test_the_state_of_a_vehicle_is_shown():
@@ -208,7 +208,7 @@ def test_a_sensor_that_is_degraded_is_shown_until_it_agrees_again():
         assert b"DEGRADED" not in terminal.sent
 
 
-def test_what_holds_the_heading_is_shown():
+def test_the_heading_controller_output_is_displayed():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, hold=True) as hand:
         terminal.type("w")
@@ -225,7 +225,7 @@ def test_what_holds_the_heading_is_shown():
         assert b"heading hold" not in terminal.sent
 
 
-def test_that_nothing_holds_the_heading_is_shown():
+def test_a_missing_heading_controller_is_displayed():
     terminal = Terminal(kitty=True)
     with cockpit(terminal) as hand:
         terminal.type("w")
@@ -240,7 +240,7 @@ MOTORS = Drivetrain(
 )
 
 
-def test_a_set_point_below_the_dead_zone_is_reported_until_something_moves():
+def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
     terminal = Terminal()
     with cockpit(terminal, latched=True, share=0.4, drivetrain=MOTORS) as hand:
         hand()
@@ -262,7 +262,7 @@ def test_a_set_point_below_the_dead_zone_is_reported_until_something_moves():
         assert b"dead zone" not in terminal.sent
 
 
-def test_a_turn_is_judged_at_the_wheels_and_a_key_that_is_held_is_reported_of_the_speed():
+def test_the_dead_zone_warning_of_a_turn_is_computed_at_the_wheels():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, share=0.2, drivetrain=MOTORS) as hand:
         terminal.type("a")
@@ -274,7 +274,7 @@ def test_a_turn_is_judged_at_the_wheels_and_a_key_that_is_held_is_reported_of_th
         assert hand.status.still == "", "to the right the left wheel goes ahead"
 
 
-def test_a_tap_that_is_no_more_than_a_nudge_is_reported_nothing_and_a_stop_is_reported_first():
+def test_a_short_key_press_gives_no_dead_zone_warning():
     terminal = Terminal()
     with cockpit(terminal, share=0.4, drivetrain=MOTORS) as hand:
         terminal.type("w")
@@ -291,7 +291,7 @@ def test_a_tap_that_is_no_more_than_a_nudge_is_reported_nothing_and_a_stop_is_re
 
 
 @pytest.mark.parametrize("drivetrain", [None, Drivetrain()])
-def test_of_a_vehicle_whose_file_knows_no_dead_zone_nothing_is_reported(drivetrain):
+def test_a_vehicle_without_a_dead_zone_gives_no_warning(drivetrain):
     terminal = Terminal()
     with cockpit(terminal, latched=True, drivetrain=drivetrain) as hand:
         terminal.type("w")
@@ -299,7 +299,7 @@ def test_of_a_vehicle_whose_file_knows_no_dead_zone_nothing_is_reported(drivetra
         assert hand.status.still == ""
 
 
-def test_the_terminal_is_given_back_when_a_drive_breaks():
+def test_the_terminal_is_restored_after_an_exception():
     terminal = Terminal()
     with pytest.raises(ZeroDivisionError), cockpit(terminal):
         raise ZeroDivisionError

@@ -50,7 +50,7 @@ def same_log(a, b):
     return all(x is y is None or np.array_equal(x, y, equal_nan=True) for x, y in zip(a, b, strict=True))
 
 
-def test_an_experiment_plays_its_signal_and_the_motors_get_it_one_tick_later():
+def test_an_experiment_applies_its_signal_one_tick_later():
     u = np.tile([0.5, 0.0, 0.1], (100, 1)) * np.sign(np.sin(np.arange(100) / 7.0))[:, None]
     run = experiment(FILE, u, seed=1)
     assert np.array_equal(run.requested[:100], u)
@@ -64,20 +64,20 @@ def test_an_experiment_plays_its_signal_and_the_motors_get_it_one_tick_later():
     assert stop_of(run) is None
 
 
-def test_a_signal_beyond_the_limits_is_clipped_by_the_supervisor_and_both_are_kept():
+def test_a_clipped_signal_is_logged_before_and_after_the_supervisor():
     run = experiment(FILE, np.tile([3.0, 0.0, 0.0], (20, 1)))
     assert np.all(run.requested[:20, 0] == 3.0)
     assert np.all(run.applied[1:21, 0] == 1.0)
 
 
 @pytest.mark.parametrize("u", [np.zeros((10, 2)), np.full((10, 3), np.nan)])
-def test_a_signal_that_does_not_fit_the_vehicle_is_refused_in_words(u):
+def test_a_signal_of_the_wrong_shape_is_refused_with_a_reason(u):
     with refused("drive.signal-shape", UsageError, names="u_x, u_y, u_psi"):
         experiment(FILE, u)
 
 
 @pytest.mark.parametrize("driver", [ROUTE, SinuousCircle(0.3, 0.03, 0.3, waves=4)])
-def test_teaching_along_a_shape_gives_a_route_that_closes(driver):
+def test_teaching_along_a_shape_gives_a_closed_route(driver):
     run, route = teach(FILE, driver, closed=True, seed=2)
     assert run.metadata["kind"] == "teach"
     assert route.closed
@@ -87,7 +87,7 @@ def test_teaching_along_a_shape_gives_a_route_that_closes(driver):
     Repeat.along(route, 3)
 
 
-def test_teaching_with_a_list_of_commands():
+def test_teaching_accepts_a_list_of_commands():
     run, route = teach(FILE, [(1.0, (0.4, 0, 0)), (0.5, (0.4, 0, 0.2)), (0.5, (0, 0, 0))], seed=2)
     assert len(run.t_ns) == 201
     assert np.array_equal(run.applied[1:101], np.tile([0.4, 0, 0], (100, 1)))
@@ -97,7 +97,7 @@ def test_teaching_with_a_list_of_commands():
     assert route.eta[-1, 2] > 0.2
 
 
-def test_teaching_by_hand_until_the_hand_lets_go():
+def test_teaching_by_hand_ends_when_the_hand_ends():
     hand_commands = iter([np.array([0.5, 0.0, 0.0])] * 150)
 
     def hand():
@@ -117,7 +117,7 @@ def test_a_drive_that_does_not_come_back_is_not_a_closed_route():
         teach(FILE, [(2.0, (0.5, 0, 0))], closed=True)
 
 
-def test_a_vehicle_that_stood_still_taught_nothing():
+def test_teaching_without_motion_is_refused():
     with refused("route.no-motion", AnswerNo):
         teach(FILE, [(0.1, (0.0, 0, 0))])
 
@@ -131,17 +131,17 @@ def test_a_vehicle_that_stood_still_taught_nothing():
         ([], ("drive.no-steps", {})),
     ],
 )
-def test_a_bad_script_is_refused_in_words(script, words):
+def test_a_bad_script_is_refused_with_a_reason(script, words):
     with refused(words[0], UsageError, **words[1]):
         commands_of(script, 3, 100.0)
 
 
-def test_an_unknown_driver_is_refused_in_words():
+def test_an_unknown_driver_is_refused_with_a_reason():
     with refused("drive.driver-type", UsageError, kind="int"):
         teach(FILE, 7)
 
 
-def test_three_laps_are_repeated_from_where_the_route_begins():
+def test_three_laps_are_repeated_from_the_start_of_the_route():
     start = np.array([1.0, -1.0, 0.4])
     route = moved(ROUTE, start)
     run = repeat(FILE, route, laps=3, seed=5)
@@ -152,7 +152,7 @@ def test_three_laps_are_repeated_from_where_the_route_begins():
     assert np.median(error) < 0.3  # the paper's PD leaves e_y alone (errata 10)
 
 
-def test_repeating_for_ever_ends_when_the_clock_does():
+def test_an_endless_repetition_ends_with_the_clock():
     run = repeat(FILE, ROUTE, laps=0, seed=5, duration_s=3.0)
     assert len(run.t_ns) == 300
     assert np.all(run.reference.done == 0.0)
@@ -189,7 +189,7 @@ def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
     assert from_file.vehicle_text == "# small\n"
 
 
-def test_replay_through_other_blocks_keeps_what_the_motors_got():
+def test_a_replay_with_other_blocks_retains_the_applied_commands():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     lazy = Blocks(FILE.estimator(), Repeat.along(ROUTE), Pd(alpha=0.1, beta=0.1), FILE.supervisor())
     replayed_run = replay(run, FILE, lazy)
@@ -198,7 +198,7 @@ def test_replay_through_other_blocks_keeps_what_the_motors_got():
     assert not np.array_equal(replayed_run.requested, run.requested)
 
 
-def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_bit_for_bit():
+def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     keep = (run.t_ns < 2_000_000_000) | (run.t_ns > 3_000_000_000)
     imu = run.sensors["imu"]
@@ -221,7 +221,7 @@ def test_a_run_with_a_hole_of_a_second_is_replayed_with_growing_doubt_and_again_
     assert same_log(twice.estimate, once.estimate)
 
 
-def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
+def test_a_sensor_absent_from_the_run_is_silent_in_its_replay():
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     sensors = sensor_slots(("imu", "mark"))(SENSORS.imu, Mark())
     with_mark = SimpleNamespace(
@@ -238,7 +238,7 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
     assert np.isnan(replayed_run.estimate.innovation[:, 3]).all()
 
 
-def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):
+def test_own_timestamps_of_a_sensor_survive_a_replay(tmp_path):
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     imu = run.sensors["imu"]
     stamped_run = replace(run, sensors={"imu": imu._replace(t_ns=imu.t_ns - 3_000_000)})
@@ -246,21 +246,21 @@ def test_stamps_of_a_sensors_own_go_on_through_a_replay(tmp_path):
         assert same_log(replay(stamped_run, FILE, path=path).sensors["imu"], stamped_run.sensors["imu"])
 
 
-def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():
+def test_the_simulated_vehicle_may_differ_from_the_model():
     heavy = SimpleNamespace(**(vars(FILE) | {"vehicle": Planar(2.0, 0.0015, VEHICLE.actuator_matrix)}))
     u = np.tile([0.5, 0.0, 0.0], (100, 1))
     same, real = experiment(FILE, u), experiment(FILE, u, truth=heavy)
     assert real.truth.nu[-1, 0] < 0.8 * same.truth.nu[-1, 0]
 
 
-def test_worlds_and_files_of_different_kinds_do_not_meet():
+def test_a_world_and_a_file_of_different_kinds_are_refused():
     world = SimulatedWorld(VEHICLE, SENSORS)
     world.commands = 2
     with refused("drive.other-vehicle", UsageError, file="small", found=3, expected=2):
         experiment(FILE, np.zeros((5, 3)), world=world)
 
 
-def test_progress_is_reported():
+def test_the_progress_of_a_drive_is_reported():
     progress = []
     experiment(FILE, np.zeros((200, 3)), observers=[Progress(progress.append)])
     assert progress[0] == pytest.approx(0.01)

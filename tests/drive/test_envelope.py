@@ -1,4 +1,4 @@
-"""Every path says when a vehicle leaves what the fit of its file saw: one table in the file, one rule."""
+"""Every function reports that a vehicle leaves the range of its fit: one table in the file, one rule."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def small():
 
 
 def flags(run):
-    """What is said of the model in a run."""
+    """Return the notes of a run that the vehicle left the envelope."""
     events = [event.diagnostic for event in run.events if event.source == "model"]
     return [event for event in events if event.code == "envelope.left"]
 
@@ -34,7 +34,7 @@ def flags(run):
 SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 1))
 
 
-def test_a_fit_writes_the_motion_that_it_saw(small):
+def test_a_fit_writes_the_range_of_its_motion(small):
     u = random_steps([0.8, 0.0, 0.4], 10.0, small.rate_hz, 0)
     fit = identify(
         simulate(load("small"), u, name="first"),
@@ -62,18 +62,18 @@ def test_a_drive_beyond_the_envelope_is_flagged(small):
     assert events[0].figures["beyond_percent"] == pytest.approx(99.0, abs=0.5)
 
 
-def test_a_replay_of_a_drive_beyond_is_flagged(small):
+def test_a_replay_beyond_the_envelope_is_flagged(small):
     run = experiment(load("small"), FAST)
     assert flags(run) == []
     assert len(flags(replay(run, small))) == 1
 
 
-def test_a_turn_rate_beyond_is_flagged_where_no_command_is(small):
+def test_a_yaw_rate_beyond_the_envelope_is_flagged_without_commands(small):
     slower = small.with_values({}, envelope=small.envelope._replace(high=np.array([1.0, 0, 1, 0.1])))
     assert flags(experiment(slower, SLOW))[0].subject == "imu[2]"
 
 
-def test_a_repeat_beyond_is_flagged(small):
+def test_a_repetition_beyond_the_envelope_is_flagged(small):
     assert any(event.subject == "u_x" for event in flags(repeat(small, circle(0.3, 0.4))))
     assert any(
         event.subject == "u_x"
@@ -81,13 +81,13 @@ def test_a_repeat_beyond_is_flagged(small):
     )
 
 
-def test_a_simulation_beyond_is_flagged_of_one_vehicle_and_of_many(small):
+def test_a_simulation_beyond_the_envelope_is_flagged_for_one_or_many_vehicles(small):
     assert len(flags(simulate(small, FAST))) == 1
     many = simulate_many(small, FAST, vary={"model.mass_kg": np.linspace(0.5, 0.7, 4)})
     assert (many.verdict, many.reasons) == (Verdict.WARN, many.outside)
 
 
-def test_a_run_of_another_kind_of_vehicle_is_not_a_member(small):
+def test_the_envelope_refuses_a_run_with_other_commands(small):
     run = simulate(small, SLOW)
     with refused("vehicle.commands-differ", UsageError):
         small.envelope.flags(replace(run, applied=run.applied[:, :2]))
@@ -105,7 +105,7 @@ def test_a_table_without_a_range_for_each_name_is_refused(line):
 @pytest.mark.parametrize(
     "names", ['["u_x"]', '["u_x", "u_y", "u_psi", "imu[3]"]', '["u_x", "u_y", "u_psi", "imu"]', "3"]
 )
-def test_names_that_the_vehicle_does_not_have_are_refused_at_load_and_not_in_a_drive(names):
+def test_unknown_names_in_an_envelope_are_refused_at_load(names):
     table = f"\n[envelope]\nnames = {names}\nlow = [0.0]\nhigh = [1.0]\n"
     with refused("vehicle.envelope-names", FileError, commands="u_x, u_y, u_psi"):
         parse(load("small").text + table, "my.toml")

@@ -1,4 +1,4 @@
-"""The first drive of an unknown vehicle: small, around one spot, over when it knows enough, and telling."""
+"""The first drive of an unknown vehicle: small motions near its start, an early end, and a report."""
 
 from types import SimpleNamespace
 
@@ -31,14 +31,14 @@ def first(small):
 
 
 @pytest.mark.parametrize("seed", [1, 7])
-def test_an_unknown_vehicle_stays_around_its_spot_and_its_wiring_is_named(seed):
+def test_an_unknown_vehicle_stays_near_its_start_and_its_wiring_is_identified(seed):
     drive = drive_one(seed)
     assert drive.margin_m > 0.3  # of 0.68 m that are there
     assert drive.named
     assert drive.seconds < 120.0
 
 
-def test_levels_begin_small_and_grow_by_small_steps(first):
+def test_command_levels_begin_small_and_grow_in_small_steps(first):
     sizes = {}
     for pulse in first.pulses:
         sizes.setdefault(tuple(np.sign(pulse.u)), []).append(np.max(np.abs(pulse.u)))
@@ -48,7 +48,7 @@ def test_levels_begin_small_and_grow_by_small_steps(first):
         assert np.all(np.diff(levels) <= 0.06)
 
 
-def test_no_pulse_is_longer_than_it_may_be(first, small):
+def test_no_pulse_exceeds_its_longest_duration(first, small):
     on = np.any(first.run.applied != 0.0, axis=1)
     edges = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
     lengths, pauses = edges[1::2] - edges[::2], edges[2::2] - edges[1:-1:2]
@@ -63,7 +63,7 @@ def test_each_wheel_shows_its_own_dead_zones(first, small):
 
 
 @pytest.mark.parametrize("seed", [4])
-def test_the_rough_gain_is_of_the_right_size(small, seed):
+def test_the_rough_gain_has_the_right_magnitude(small, seed):
     robot = unknown(seed)
     gain = gains(robot, small)
     first = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
@@ -73,7 +73,7 @@ def test_the_rough_gain_is_of_the_right_size(small, seed):
     assert start[2, 2] == pytest.approx(small.vehicle.actuator_matrix[2, 2] * gain[1], rel=0.4)
 
 
-def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
+def test_a_wrongly_wired_vehicle_is_reported_and_not_fitted(small):
     world = MiswiredLink(LoopWorld(draw_robots(1, 3), 3, small.rate_hz), "swapped")
     first = first_drive(small, world=world)
     assert [finding.code for finding in first.wiring] == ["wiring.swapped"]
@@ -82,7 +82,7 @@ def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
         rough(first, small)
 
 
-def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(small, monkeypatch):
+def test_an_immobile_vehicle_is_reported_after_full_command(small, monkeypatch):
     monkeypatch.setattr(first_drive_pulses, "STEP", 0.4)
     stuck_vehicle = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
     first = first_drive(small, truth=stuck_vehicle, seed=2)
@@ -93,7 +93,7 @@ def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(sm
         rough(first, small)
 
 
-def test_a_drive_that_was_over_before_full_command_does_not_blame_the_motors(first, small):
+def test_a_first_drive_ended_early_does_not_blame_the_motors(first, small):
     estimate = estimate_first_drive(first.run.cut(0.0, 10.0), small)
     assert estimate.still
     assert {finding.code for finding in estimate.still} == {"first-drive.ended-early"}
@@ -102,7 +102,7 @@ def test_a_drive_that_was_over_before_full_command_does_not_blame_the_motors(fir
 
 
 @pytest.mark.parametrize("seed", [2, 19, 21, 22])
-def test_a_car_with_a_rough_accelerometer_is_felt_all_the_same_and_stays_around_its_spot(seed):
+def test_motion_of_a_car_is_detected_with_a_noisy_accelerometer(seed):
     """Its noise of 0.6 m/s², summed up twice over a minute, is not taken for a way that it went."""
     first = first_drive(load("car"), seed=seed)
     assert first.still == ()
@@ -110,7 +110,7 @@ def test_a_car_with_a_rough_accelerometer_is_felt_all_the_same_and_stays_around_
     assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.6
 
 
-def test_a_car_that_moves_forward_long_before_it_moves_backward_is_brought_back():
+def test_unequal_dead_zones_of_a_car_do_not_move_the_car_away():
     car = load("car")
     zones = {
         "model.drivetrain.dead_zone_forward": [0.04, 0.0],
@@ -123,12 +123,12 @@ def test_a_car_that_moves_forward_long_before_it_moves_backward_is_brought_back(
     assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.3
 
 
-def test_a_car_is_driven_forward_and_back_with_the_wheel_straight_and_to_both_sides():
+def test_a_car_drives_both_ways_with_three_steering_angles():
     car = load("car")
     assert directions(car).tolist() == [[1, 0], [-1, 0], [1, 0.5], [-1, 0.5], [1, -0.5], [-1, -0.5]]
 
 
-def test_an_imu_is_needed(small):
+def test_a_first_drive_needs_an_imu(small):
     blind = SimpleNamespace(name="blind", sensors=sensor_slots(())())
     with refused("first-drive.no-imu", UsageError):
         first_drive(blind)
@@ -171,7 +171,7 @@ def test_a_pulse_ends_at_once_when_the_vehicle_turns_too_fast():
     assert u < 0.0  # it is the other direction's turn
 
 
-def test_a_first_drive_ends_in_time():
+def test_a_first_drive_ends_within_its_time_limit():
     pulses = Careful(np.array([[1.0], [-1.0]]), longest_s=3.0)
     state, t_s, over = pulses.init(), 0.0, False
     while not over:
@@ -181,7 +181,7 @@ def test_a_first_drive_ends_in_time():
     assert np.all(u == 0.0)
 
 
-def test_what_is_felt_is_the_integral_of_the_imu_without_its_bias():
+def test_inertial_motion_is_the_integral_of_the_unbiased_imu():
     slots = sensor_slots(("imu",))
     rng, feel = np.random.default_rng(0), Inertial()
     state, bias = feel.init(), np.array([0.3, 0.0, 0.05])
@@ -195,7 +195,7 @@ def test_what_is_felt_is_the_integral_of_the_imu_without_its_bias():
     assert np.sqrt(pose.cov[3, 3]) == pytest.approx(0.01 * 0.01 * np.sqrt(100 + 100**2 / 300), rel=0.15)
 
 
-def test_a_way_that_is_felt_is_as_sure_as_it_says():
+def test_inertial_distance_error_matches_its_covariance():
     """Of a vehicle that stands, with and without a speed that is known to be noise afterwards."""
     slots, ends = sensor_slots(("imu",)), {False: [], True: []}
     for seed in range(300):

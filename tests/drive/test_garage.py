@@ -13,7 +13,7 @@ from baqueano.vehicle_file import load
 
 
 @pytest.mark.parametrize(("name", "radius_m", "speed_m_s"), [("small", 0.5, 0.25), ("car", 1.5, 1.0)])
-def test_a_circle_is_taught_and_repeated_and_replayed(name, radius_m, speed_m_s):
+def test_a_circle_is_taught_repeated_and_replayed(name, radius_m, speed_m_s):
     file = load(name)
     lesson = teach(file, circle(radius_m, speed_m_s), seed=1)
     assert stop_of(lesson.run) is None
@@ -37,7 +37,7 @@ WRONG = {
 
 @pytest.mark.parametrize("speed_from", [(), ("imu[0]", "imu[1]")], ids=["gyro", "accelerometers"])
 @pytest.mark.parametrize("name", WRONG)
-def test_with_a_model_that_is_a_tenth_wrong_the_filter_is_better_than_the_model_alone(name, speed_from):
+def test_the_filter_is_better_than_a_model_with_10_percent_error(name, speed_from):
     """Speed and yaw rate over 20 s of random steps, against the same filter with its sensors off."""
     file, rng = load(name), np.random.default_rng(5)
     steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8

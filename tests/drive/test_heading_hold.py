@@ -1,4 +1,4 @@
-"""Straight on by the gyro: where the gains come from, what it leaves, and when it lets go."""
+"""Straight driving by the gyro: the gains, the remaining error, and the conditions that disable the control."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ GAINS = placed(6.0, 0.1, 0.1)
 
 
 class Says:
-    """A hand that is told what to want."""
+    """A driver whose command the test sets."""
 
     u = (0.5, 0.0, 0.0)
 
@@ -52,7 +52,7 @@ class Drive:
 
 
 @pytest.mark.parametrize("tau_s", [0.01, 0.1, 0.5, 2.0])
-def test_poles_are_where_they_were_placed_and_no_gain_is_negative(tau_s):
+def test_the_closed_loop_has_the_placed_poles_and_nonnegative_gains(tau_s):
     k, late_s = 6.0, 0.1
     gains, omega = placed(k, tau_s, late_s), 1.0 / (SLOWER * late_s)
     poles = np.roots([tau_s, 1.0 + k * gains.rate, k * gains.psi, k * gains.integral])
@@ -63,7 +63,7 @@ def test_poles_are_where_they_were_placed_and_no_gain_is_negative(tau_s):
 
 @pytest.mark.parametrize("tau_s", [0.0, 0.03, 0.1, 0.3, 0.5, 1.6, 5.0])
 @pytest.mark.parametrize("late_s", [0.03, 0.1, 0.3])
-def test_a_yaw_gain_more_than_three_times_too_small_in_the_file_is_stood(tau_s, late_s):
+def test_the_gain_margin_tolerates_a_yaw_gain_three_times_larger(tau_s, late_s):
     gains = placed(1.0, tau_s, late_s)
     s = 1j * np.logspace(-2, 4, 60000)
     loop = np.exp(-s * late_s) / (tau_s * s + 1.0) / s * (gains.psi + gains.integral / s + gains.rate * s)
@@ -88,7 +88,7 @@ def test_gain_and_time_are_those_of_the_model():
     np.testing.assert_allclose(gains_of(file)[0], 2.0 * gains_of(small.with_values(values))[0], rtol=1e-9)
 
 
-def test_of_a_car_the_gain_is_that_of_its_speed():
+def test_the_yaw_gain_of_a_car_depends_on_its_speed():
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
     gains, car = gains_of(file), file.vehicle
     k = gains.speed_m_s * car.steering_gain / car.wheelbase_m
@@ -97,7 +97,7 @@ def test_of_a_car_the_gain_is_that_of_its_speed():
 
 
 @pytest.mark.parametrize("name", ["no gyro", "no turn"])
-def test_where_nothing_can_be_held_the_hand_is_left_alone(name):
+def test_heading_control_is_inactive_without_turning_or_gyro(name):
     small, hand = vehicle_file.load("small"), Says()
     if name == "no turn":
         assert holding(hand, override(small, ("command.limit=[1.0,0.0,0.0]",))) is hand
@@ -116,7 +116,7 @@ VEHICLES = {
 
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
 @pytest.mark.parametrize("name", VEHICLES)
-def test_five_metres_with_wheels_that_differ_by_15_percent(name, yaw_gain):
+def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(name, yaw_gain):
     """Of a fitted file that is right about the yaw gain, and of one that is twice or half as large as it is."""
     of, ahead, speed_m_s = VEHICLES[name]
     file = as_fitted(of())
@@ -135,7 +135,7 @@ def test_five_metres_with_wheels_that_differ_by_15_percent(name, yaw_gain):
 
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0])
 @pytest.mark.parametrize("name", VEHICLES)
-def test_a_model_that_was_never_fitted_is_held_too(name, yaw_gain):
+def test_heading_control_works_with_an_unfitted_model(name, yaw_gain):
     of, ahead, speed_m_s = VEHICLES[name]
     file = of()
     holding = straight(file, body(file, yaw_gain), ahead, speed_m_s, True)
@@ -145,7 +145,7 @@ def test_a_model_that_was_never_fitted_is_held_too(name, yaw_gain):
     assert abs(holding.beside_m) < 0.3
 
 
-def test_backwards_too():
+def test_heading_control_works_backwards():
     file = as_fitted(vehicle_file.load("small"))
     holding = straight(file, body(file), -0.5, 0.1, True)
     assert abs(holding.psi_deg) < 1.5
@@ -153,7 +153,7 @@ def test_backwards_too():
 
 
 @pytest.mark.parametrize("ahead", [0.5, -0.5])
-def test_a_car_whose_servo_is_off_by_two_degrees_goes_straight_both_ways(ahead):
+def test_a_car_with_a_steering_offset_drives_straight_both_ways(ahead):
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
     truth = override(file, ("model.steering_offset_rad=0.035",))
     free, holding = (
@@ -165,7 +165,7 @@ def test_a_car_whose_servo_is_off_by_two_degrees_goes_straight_both_ways(ahead):
     assert abs(holding.beside_m) < 0.5
 
 
-def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():
+def test_applied_commands_are_recorded_and_a_replay_is_identical():
     file = vehicle_file.load("small")
     run = straight(file, body(file), 1.0, 0.5, True).run
     assert np.any(run.requested[:, 2] != 0.0)
@@ -175,7 +175,7 @@ def test_what_is_recorded_is_what_was_applied_and_a_replay_is_equal():
     assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
 
 
-def test_a_turn_that_is_asked_is_the_hands_alone_at_once():
+def test_a_commanded_turn_disables_heading_control_at_once():
     drive = Drive()
     for _ in range(50):
         assert drive.tick(psi=0.1 * (drive.k > 0))[2] <= 0.0
@@ -185,7 +185,7 @@ def test_a_turn_that_is_asked_is_the_hands_alone_at_once():
 
 
 @pytest.mark.parametrize("u", [(0.0, 0.0, 0.0), (-0.5, 0.0, 0.0)])
-def test_at_standstill_and_in_the_other_direction_it_begins_anew(u):
+def test_heading_control_resets_at_rest_and_on_reversal(u):
     drive = Drive()
     drive.tick()
     for _ in range(50):
@@ -194,7 +194,7 @@ def test_at_standstill_and_in_the_other_direction_it_begins_anew(u):
     assert drive.tick((0.5, 0.0, 0.0), psi=0.1)[2] == 0.0, "the heading of now is the reference"
 
 
-def test_the_heading_is_taken_when_the_turn_has_died_out():
+def test_the_reference_heading_is_set_after_the_turn_has_decayed():
     drive = Drive()
     drive.tick((0.5, 0.0, 0.5), r=1.0)
     psi, r = 1.0, 1.0
@@ -207,7 +207,7 @@ def test_the_heading_is_taken_when_the_turn_has_died_out():
     assert drive.tick(psi=psi - 0.1)[2] > 0.0
 
 
-def test_a_turn_that_never_dies_out_is_not_waited_for():
+def test_the_reference_heading_is_set_after_a_timeout():
     drive = Drive()
     while np.isnan(drive.state.psi):
         drive.tick(psi=0.01 * drive.k, r=1.0)
@@ -215,7 +215,7 @@ def test_a_turn_that_never_dies_out_is_not_waited_for():
     assert drive.k * 0.01 == pytest.approx(GAINS.wait_s, abs=0.03)
 
 
-def test_its_authority_is_bounded_and_the_integral_waits_at_the_bound():
+def test_heading_control_is_limited_with_anti_windup():
     drive = Drive(of_speed=0.3)
     drive.tick()
     turns = [drive.tick(psi=-2.0)[2] for _ in range(500)]
@@ -225,19 +225,19 @@ def test_its_authority_is_bounded_and_the_integral_waits_at_the_bound():
     assert back[0] < 0.0, "it was not wound up"
 
 
-def test_a_heading_may_pass_the_half_turn():
+def test_the_heading_may_cross_pi():
     drive = Drive()
     drive.tick(psi=np.pi - 0.01)
     assert drive.tick(psi=-np.pi + 0.01)[2] == pytest.approx(-0.02 * GAINS.psi, rel=0.05)
 
 
-def test_an_estimate_that_is_not_a_number_is_left_to_the_supervisor():
+def test_a_nan_estimate_is_passed_to_the_supervisor():
     drive = Drive()
     drive.tick()
     assert drive.tick(psi=np.nan).tolist() == [0.5, 0.0, 0.0]
 
 
-def test_a_gyro_that_the_estimator_leaves_out_is_received():
+def test_heading_control_uses_a_gyro_that_the_estimator_ignores():
     drive = Drive(gyro=Gyro(slice(0, 3), 0.5, 20.0))
     drive.tick()
     for _ in range(5):
@@ -250,7 +250,7 @@ def test_a_gyro_that_the_estimator_leaves_out_is_received():
     assert drive.state.out_s == 0.0
 
 
-def test_a_mission_holds_unless_it_was_told_not_to():
+def test_a_mission_uses_heading_control_by_default():
     small = vehicle_file.load("small")
     for hold in (True, False):
         mission = Mission.of_json(Mission("teach", hold=hold).json())
@@ -258,7 +258,7 @@ def test_a_mission_holds_unless_it_was_told_not_to():
         assert np.any(run.requested[:, 2] != 0.0) == hold
 
 
-def test_a_function_that_drives_is_taken_at_its_word():
+def test_a_driver_function_gets_no_heading_control():
     small = vehicle_file.load("small")
     run = lesson(small, hand_for(1.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
     assert not np.any(run.requested[:, 2])

@@ -1,4 +1,4 @@
-"""The loop says once when the model no longer fits, and never while it does."""
+"""The loop warns once if the model no longer fits, and never if the model is correct."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def innovation_events(file, world=None, seconds=12.0, seed=1):
 
 
 def reasons_for(nis, seconds=20.0):
-    """What a listener says of innovations of this mean square, at 100 Hz."""
+    """The warnings of a listener for innovations of this mean square, at 100 Hz."""
     health, rng, out = Health(), np.random.default_rng(0), []
     for k in range(round(100 * seconds)):
         y = np.sqrt(nis) * rng.normal(size=3)
@@ -29,18 +29,18 @@ def reasons_for(nis, seconds=20.0):
     return [reason for reason in out if reason]
 
 
-def test_a_right_model_is_never_warned_of():
+def test_a_correct_model_never_gives_a_warning():
     assert reasons_for(1.0) == []
     assert reasons_for(1.5) == []
 
 
-def test_a_wrong_model_is_warned_of_once():
+def test_a_wrong_model_gives_one_warning():
     (reason,) = reasons_for(6.0)
     assert (reason.code, reason.fix) == ("model.fits-no-longer", "baqueano identify last")
     assert reason.figures["times"] == pytest.approx(2.4, abs=0.05)
 
 
-def test_a_few_wild_measurements_are_not_a_wrong_model():
+def test_a_few_outliers_do_not_indicate_a_wrong_model():
     health, rng = Health(), np.random.default_rng(0)
     for k in range(2000):
         y = rng.normal(size=3) + (1000.0 if k % 100 == 0 else 0.0)
@@ -48,7 +48,7 @@ def test_a_few_wild_measurements_are_not_a_wrong_model():
         assert health.check(k * 10_000_000, estimate) is None
 
 
-def test_estimates_without_innovations_say_nothing():
+def test_estimates_without_innovations_give_no_warning():
     assert Health().check(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) is None
 
 
@@ -63,14 +63,14 @@ def test_a_run_of_the_vehicle_that_was_identified_has_no_warning(small):
 
 @pytest.mark.parametrize("signal", ["random_steps", "multisine", "prbs", "ramps"])
 @pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
-def test_no_signal_makes_a_sound_vehicle_of_the_garage_look_worn(name, signal):
+def test_no_signal_gives_a_wear_warning_for_a_sound_vehicle(name, signal):
     file = load(name)
     run = experiment(file, excitation(signal, file.command.limit, 8.0, file.rate_hz, 4), seed=4)
     assert [e for e in run.events if e.source in (SOURCE, SENSORS_SOURCE)] == []
 
 
 @pytest.mark.parametrize(("signal", "growth"), [("prbs", 1.1), ("random_steps", 1.3)])
-def test_friction_that_grew_is_noticed_on_an_even_floor(signal, growth):
+def test_increased_friction_is_detected_on_an_even_floor(signal, growth):
     file = load("case-study-1")
     worn_file = file.with_values({"model.friction.linear": (growth * file.vehicle.friction.linear).tolist()})
     run = experiment(
@@ -80,7 +80,7 @@ def test_friction_that_grew_is_noticed_on_an_even_floor(signal, growth):
     assert event.level == "warning"
 
 
-def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
+def test_a_loose_gyro_is_named_without_advice_to_fit(small):
     small = small.with_values({"estimator.disturbance_std": [0.02, 0.05]})  # it was identified
     wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.3})
     u = random_steps(0.6 * np.asarray(small.command.limit), 15.0, small.rate_hz, 3)
@@ -97,7 +97,7 @@ def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
     assert [e for e in run.events if e.source == SOURCE] == []
 
 
-def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
+def test_degraded_sensors_are_listed_at_each_tick(small):
     degraded = []
 
     class Watcher(Observer):
@@ -114,7 +114,7 @@ def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
     assert [bool(count) for count in degraded] == [t >= worse.t_ns for t in run.t_ns]
 
 
-def test_the_run_holds_how_often_each_number_was_refused(small):
+def test_the_run_contains_the_rejection_count_of_each_channel(small):
     run = experiment(small, np.tile([0.4, 0.0, 0.0], (100, 1)), seed=3)
     assert [(refusal.name, refusal.arrived) for refusal in refusals_of(run.events)] == [
         (f"imu[{k}]", 101) for k in range(3)

@@ -1,4 +1,4 @@
-"""Where a replay begins: where the run says that the vehicle was."""
+"""A replay begins at the pose that the run contains."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_a_recording_begins_at_the_pose_and_velocity_of_its_truth(first_s, nu_kn
     )
 
 
-def test_the_velocity_of_a_camera_goes_the_short_way_across_pi():
+def test_camera_velocity_is_wrapped_across_pi():
     assert initial_pose(circling(0.0, psi=np.pi - 0.01))[3:] == pytest.approx([1.0, 0.0, 0.5], abs=2e-3)
 
 
@@ -52,19 +52,19 @@ def test_a_simulated_run_begins_where_the_simulation_did():
     assert initial_pose(run).tolist() == [1.0, 2.0, 0.5, 0.0, 0.0, 0.0]
 
 
-def test_a_run_that_tells_its_start_begins_there():
+def test_a_run_with_a_stored_start_pose_begins_there():
     run = circling(0.0)
     run.metadata["start"] = "1.0 2.0 0.5"
     assert initial_pose(run).tolist() == [1.0, 2.0, 0.5]
 
 
-def test_a_run_without_a_truth_or_with_a_late_one_begins_at_the_origin():
+def test_a_run_without_an_early_truth_begins_at_the_origin():
     run = circling(0.0)
     assert initial_pose(Run("blind", None, run.t_ns, run.applied)).tolist() == [0.0, 0.0, 0.0]
     assert initial_pose(circling(0.7)).tolist() == [0.0, 0.0, 0.0]
 
 
-def test_an_estimator_is_reported_as_much_of_the_start_as_it_takes():
+def test_an_estimator_receives_the_start_arguments_that_it_accepts():
     class FromPose:
         def init(self, eta=None):
             return eta

@@ -27,21 +27,21 @@ def ticks_done(presses: int, at: int) -> list[int]:
     return done
 
 
-def test_a_tick_that_has_begun_is_finished():
+def test_an_interrupt_lets_the_current_tick_finish():
     assert ticks_done(presses=1, at=3) == [0, 1, 2, 3]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_a_second_one_ends_a_tick_that_hangs():
+def test_a_second_interrupt_ends_a_hanging_tick():
     assert ticks_done(presses=2, at=3) == [0, 1, 2]
 
 
-def test_undisturbed_the_ticks_are_the_same():
+def test_without_an_interrupt_the_ticks_are_unchanged():
     with between_ticks(range(10)) as ticking:
         assert list(ticking) == list(range(10))
 
 
-def test_in_a_thread_and_in_a_program_with_its_own_handler_it_keeps_out_of_the_way():
+def test_an_existing_interrupt_handler_is_not_replaced():
     handlers = []
     thread = threading.Thread(target=lambda: handlers.append(ours()))
     thread.start()

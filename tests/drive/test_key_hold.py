@@ -1,4 +1,4 @@
-"""How long a key counts."""
+"""The duration for which a key press counts."""
 
 from itertools import pairwise
 
@@ -22,7 +22,7 @@ def hold(keys, key, from_s, to_s, delay_s=0.5, gap_s=0.033, jitter=lambda: 0.0):
         t_s += gap_s
 
 
-def test_a_key_with_releases_counts_from_press_to_release_however_long():
+def test_a_key_with_release_events_counts_until_its_release():
     keys = KeyHold(RELEASES)
     press(keys, "w", 0.0)
     assert keys.direction(0.0) == (1.0, 0.0)
@@ -33,21 +33,21 @@ def test_a_key_with_releases_counts_from_press_to_release_however_long():
     assert keys.direction(61.0) == (0.0, 1.0)
 
 
-def test_keys_are_let_go_when_the_window_loses_the_keyboard():
+def test_keys_are_released_when_the_window_loses_focus():
     keys = KeyHold(RELEASES)
     press(keys, "w", 0.0)
     keys.hear(KeyEvent(LEFT_WINDOW), 1.0)
     assert keys.direction(1.0) == (0.0, 0.0)
 
 
-def test_a_tap_is_a_nudge_and_ends():
+def test_a_short_key_press_gives_a_short_command():
     keys = KeyHold(REPEATS)
     press(keys, "w", 0.0)
     assert keys.direction(0.1) == (NUDGE, 0.0)
     assert keys.direction(FIRST_S + 0.001) == (0.0, 0.0)
 
 
-def test_a_held_key_drives_in_full_from_its_first_repeat_and_ends_soon_after_the_last():
+def test_a_repeating_key_commands_fully_until_its_last_repeat():
     keys = KeyHold(REPEATS)
     press(keys, "w", 0.0)
     press(keys, "w", 0.5)
@@ -56,7 +56,7 @@ def test_a_held_key_drives_in_full_from_its_first_repeat_and_ends_soon_after_the
     assert keys.direction(0.5 + GAP_S + 0.001) == (0.0, 0.0)
 
 
-def test_it_learns_the_delay_and_the_gap_of_this_keyboard():
+def test_delay_and_repeat_gap_of_the_keyboard_are_measured():
     keys = KeyHold(REPEATS)
     for k in range(4):
         hold(keys, "w", 3.0 * k, 3.0 * k + 1.5, delay_s=0.25, gap_s=0.05)
@@ -67,7 +67,7 @@ def test_it_learns_the_delay_and_the_gap_of_this_keyboard():
     assert slow.gap_s == pytest.approx(0.35)
 
 
-def test_two_quick_taps_are_not_a_delay():
+def test_two_quick_key_presses_are_not_a_repeat_delay():
     keys = KeyHold(REPEATS)
     for k in range(10):
         press(keys, "w", 2.0 * k)
@@ -77,7 +77,7 @@ def test_two_quick_taps_are_not_a_delay():
 
 @pytest.mark.parametrize("delay_s", [0.25, 0.5, 0.66])
 @pytest.mark.parametrize("rate_hz", [20.0, 33.0])
-def test_a_hold_over_a_wi_fi_does_not_break_off(delay_s, rate_hz):
+def test_a_pressed_key_over_wi_fi_is_not_interrupted(delay_s, rate_hz):
     dice = np.random.default_rng(7)
     breaks = 0
     for _ in range(100):
@@ -92,7 +92,7 @@ def test_a_hold_over_a_wi_fi_does_not_break_off(delay_s, rate_hz):
     assert breaks <= 2
 
 
-def test_a_key_that_was_held_goes_on_with_a_newer_one_and_ends_with_it():
+def test_an_older_pressed_key_ends_with_the_newer_key():
     keys = KeyHold(REPEATS)
     hold(keys, "w", 0.0, 1.0)
     hold(keys, "a", 1.0, 2.0)
@@ -100,14 +100,14 @@ def test_a_key_that_was_held_goes_on_with_a_newer_one_and_ends_with_it():
     assert keys.direction(2.3) == (0.0, 0.0)
 
 
-def test_the_opposite_key_takes_the_place_of_the_first():
+def test_the_opposite_key_replaces_the_first():
     keys = KeyHold(REPEATS)
     hold(keys, "w", 0.0, 1.0)
     press(keys, "s", 1.0)
     assert keys.direction(1.0) == (-NUDGE, 0.0)
 
 
-def test_latched_presses_move_a_set_point_that_holds():
+def test_latched_key_presses_move_a_lasting_set_point():
     keys = KeyHold(LATCHED)
     for _ in range(3):
         press(keys, "up", 0.0)

@@ -48,7 +48,7 @@ def test_letters_and_arrows_of_a_plain_terminal_are_presses():
         (b"\x1b[O", KeyEvent(LEFT_WINDOW)),
     ],
 )
-def test_what_each_sequence_means(data, event):
+def test_each_key_sequence_gives_its_event(data, event):
     assert events(data) == [event]
 
 
@@ -56,7 +56,7 @@ def test_what_each_sequence_means(data, event):
     "data",
     [b"\x1b[I", b"\x1b[3n", b"\x1b[?62;4c", b"\x1b[99999999999u", b"\x1b[;u", b"\x1b[5~", b"\x1b[119;1:9u", b"\0\x7f"],
 )  # fmt: skip
-def test_what_is_not_a_key_is_none(data):
+def test_a_sequence_that_is_not_a_key_gives_no_event(data):
     assert events(data) == []
 
 
@@ -68,13 +68,13 @@ def test_a_sequence_may_be_cut_anywhere():
         assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == whole
 
 
-def test_the_stop_is_received_behind_a_lone_escape():
+def test_a_stop_key_after_a_single_escape_is_received():
     decoder = KeyDecoder()
     assert decoder.feed(b"\x1b") == []
     assert decoder.feed(b" ") == press_events(" ")
 
 
-def test_no_bytes_break_it_and_the_next_key_after_them_is_received():
+def test_a_key_after_random_bytes_is_received():
     dice = random.Random(0)
     decoder = KeyDecoder()
     for _ in range(3000):
@@ -85,7 +85,7 @@ def test_no_bytes_break_it_and_the_next_key_after_them_is_received():
     assert decoder.feed(b"q") == press_events("q")
 
 
-def test_a_sequence_without_an_end_is_given_up():
+def test_an_endless_sequence_is_discarded():
     decoder = KeyDecoder()
     decoder.feed(b"\x1b[" + b"1" * 100)
     assert decoder.feed(b" ")[-1:] == press_events(" ")

@@ -47,7 +47,7 @@ def test_a_repetition_sent_as_text_is_the_same_repetition(tmp_path):
     )
 
 
-def test_blocks_of_the_user_travel_with_it_and_do_not_need_their_old_place(tmp_path, monkeypatch):
+def test_user_blocks_are_packed_into_the_mission(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
     mission = packed(
@@ -60,7 +60,7 @@ def test_blocks_of_the_user_travel_with_it_and_do_not_need_their_old_place(tmp_p
     assert np.all(run.requested[:, 0] == 0.5)
 
 
-def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
+def test_two_files_of_the_same_name_are_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a").mkdir()
     (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
@@ -79,7 +79,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
         ("[1]", ("mission.damaged", {})),
     ],
 )
-def test_what_is_not_a_mission_is_reported(text, fault):
+def test_an_invalid_mission_is_refused(text, fault):
     with refused(fault[0], UsageError, **fault[1]):
         Mission.of_json(text)
 
@@ -93,7 +93,7 @@ def test_a_mission_writes_nothing_outside_its_folder(tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "lacks"), [("experiment", "u"), ("repeat", "route")])
-def test_a_mission_without_what_it_drives_is_refused_before_it_goes_anywhere(kind, lacks):
+def test_an_incomplete_mission_is_refused_before_sending(kind, lacks):
     with refused("mission.lacks", UsageError, kind=kind, name=lacks):
         Mission(kind)
     with refused("mission.lacks", UsageError, kind=kind, name=lacks):

@@ -1,4 +1,4 @@
-"""A game pad, by the bytes that Linux says of it."""
+"""A game pad, read from the bytes of the Linux kernel."""
 
 import errno
 import sys
@@ -51,7 +51,7 @@ def test_events_are_read_by_the_layout_of_the_reading_program(plug, long_bytes, 
     assert device.read() == []
 
 
-def test_it_drives_only_while_a_front_button_is_held(plug):
+def test_a_game_pad_drives_only_with_a_front_button_pressed(plug):
     kernel = pad()
     game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (ABS, 0, 32767))
@@ -79,7 +79,7 @@ def test_it_drives_only_while_a_front_button_is_held(plug):
         (-100, 100, 50, 100, -1.0),
     ],
 )
-def test_ranges_and_rest_are_those_that_the_kernel_tells(plug, low, high, flat, value, part):
+def test_axis_ranges_and_rest_zones_are_read_from_the_kernel(plug, low, high, flat, value, part):
     middle = (low + high) // 2
     kernel = pad(axes={code: [middle, low, high, 0, flat, 0] for code in (0, 1)})
     game_pad = open_pad(plug(kernel))
@@ -88,7 +88,7 @@ def test_ranges_and_rest_are_those_that_the_kernel_tells(plug, low, high, flat, 
     assert game_pad.direction() == pytest.approx((part, 0.0), abs=2e-3)
 
 
-def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plug):
+def test_after_lost_events_the_pad_commands_zero_until_resynchronised(plug):
     kernel = pad()
     game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
@@ -98,7 +98,7 @@ def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plug):
         kernel.change((ABS, 0, 100 * k))
     kernel.change((ABS, 1, 0), (KEY, EAST, 1))
     whole, kernel.waiting = kernel.waiting, kernel.waiting[:1]
-    assert whole[0] == (0, 3, 0), "the kernel says SYN_DROPPED"
+    assert whole[0] == (0, 3, 0), "the kernel sends SYN_DROPPED"
     game_pad.read()
     assert not game_pad.holds
     kernel.waiting = whole[1:]
@@ -107,7 +107,7 @@ def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plug):
     assert game_pad.direction() == (0.0, 0.0)
 
 
-def test_a_front_button_that_was_let_go_unseen_is_let_go(plug):
+def test_a_front_button_released_during_lost_events_is_released(plug):
     kernel = pad()
     game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
@@ -118,7 +118,7 @@ def test_a_front_button_that_was_let_go_unseen_is_let_go(plug):
     assert not game_pad.holds
 
 
-def test_a_pad_that_is_unplugged_is_gone_for_good(plug):
+def test_an_unplugged_pad_stays_disconnected(plug):
     kernel = pad()
     game_pad = open_pad(plug(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
@@ -129,7 +129,7 @@ def test_a_pad_that_is_unplugged_is_gone_for_good(plug):
     assert game_pad.direction() == (0.0, 0.0)
 
 
-def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middle(plug):
+def test_a_reconnected_pad_commands_zero_until_its_stick_is_centred(plug):
     kernel = pad()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
     game_pad = open_pad(plug(kernel))
@@ -147,7 +147,7 @@ def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middl
     assert game_pad.direction() == (1.0, 0.0)
 
 
-def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plug):
+def test_an_axis_that_has_not_moved_gives_no_command(plug):
     kernel = bare_pad()
     game_pad = open_pad(plug(kernel))
     kernel.change((KEY, 0x124, 1))
@@ -160,7 +160,7 @@ def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plug):
     assert game_pad.direction() == (0.0, 1.0)
 
 
-def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plug):
+def test_the_pad_is_selected_by_its_capabilities(plug):
     folder = plug(keyboard(), touchpad(), pad(name="Gamepad F310"))
     assert find(folder=folder).name == "Gamepad F310"
     with refused("pad.lacks", UsageError, name="AT keyboard"):
@@ -170,13 +170,13 @@ def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plug):
     assert find(folder / "event2").name == "Gamepad F310"
 
 
-def test_two_pads_are_distinguished_by_the_person(plug):
+def test_the_user_must_choose_between_two_pads(plug):
     folder = plug(pad(name="One"), pad(name="Other"))
     with refused("pad.several", UsageError, count=2):
         find(folder=folder)
 
 
-def test_no_pad_says_what_was_looked_at(plug):
+def test_a_missing_pad_is_reported_with_the_examined_devices(plug):
     folder = plug(keyboard(), touchpad(), KernelDevice("Wheel", (0x130,), {0: [0] * 6}))
     candidates = (
         'event0 "AT keyboard" (no stick), event1 "Touchpad" (no front buttons), event2 "Wheel" (no stick)'
@@ -190,7 +190,7 @@ def test_a_folder_without_devices_is_reported(tmp_path):
         find(folder=tmp_path / "input")
 
 
-def test_devices_that_may_not_be_read_are_reported_with_what_to_type(plug, monkeypatch):
+def test_unreadable_devices_are_reported_with_a_remedy(plug, monkeypatch):
     folder = plug(keyboard(), pad())
 
     def refuse_open(path):
@@ -211,26 +211,26 @@ def test_a_path_that_is_not_a_device_is_reported(tmp_path):
         find(tmp_path / "js0")
 
 
-def test_elsewhere_than_on_linux_it_is_reported(monkeypatch):
+def test_a_pad_on_another_system_than_linux_is_refused(monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with refused("pad.not-linux", UsageError):
         find()
 
 
-def test_in_a_cockpit_the_pad_drives_and_its_plug_stops_the_vehicle(plug):
+def test_unplugging_a_driving_pad_stops_the_vehicle(plug):
     kernel = pad()
     terminal = Terminal()
     with cockpit(terminal, share=1.0, pad=open_pad(plug(kernel))) as hand:
         kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
         kernel.change((KEY, SOUTH, 1))
         assert hand().tolist() == [1.0, 0.0, 0.0]
-        assert hand.marked() == 1
+        assert hand.marks() == 1
         kernel.unplug()
         assert hand().tolist() == [0.0, 0.0, 0.0]
         assert hand.stop_reason(0).code == StopReason.PAD_UNPLUGGED
 
 
-def test_in_a_cockpit_a_button_of_the_pad_stops_the_vehicle(plug):
+def test_a_button_of_the_pad_stops_the_vehicle(plug):
     kernel = pad()
     with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as hand:
         kernel.change((KEY, EAST, 1))

@@ -41,7 +41,7 @@ def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0
     )  # fmt: skip
 
 
-def test_a_route_that_cannot_be_driven_is_refused_by_the_verb_and_the_mission():
+def test_an_impossible_route_is_refused_by_repeat_and_by_a_mission():
     fast, fitted = circle(1.0, 10.0), as_fitted(SMALL)
     for drive in (repeat, lambda file, route: perform(Mission("repeat", route=route), file)):
         with refused("route.speed-too-high", AnswerNo):
@@ -50,7 +50,7 @@ def test_a_route_that_cannot_be_driven_is_refused_by_the_verb_and_the_mission():
             drive(fitted, fast)
 
 
-def test_anyway_passes_what_is_too_fast_and_never_what_is_no_number():
+def test_the_anyway_option_permits_high_speed_but_not_nan():
     run = repeat(SMALL, circle(1.0, 2.0), anyway=True, duration_s=0.1)
     assert len(run.t_ns) > 5
     rows = LAP.nu.copy()
@@ -59,7 +59,7 @@ def test_anyway_passes_what_is_too_fast_and_never_what_is_no_number():
         repeat(SMALL, LAP._replace(nu=rows), anyway=True)
 
 
-def test_a_vehicle_beside_its_route_is_led_onto_it_and_drives_all_of_it():
+def test_a_vehicle_beside_its_route_joins_the_route_by_a_lead_in():
     run = repeat(SMALL, LAP, eta=BESIDE)
     away, way = off_route(run, LAP)
     assert np.max(away[way > 0.6]) < 0.01  # it joins ahead, some 0.4 m along the way
@@ -68,14 +68,14 @@ def test_a_vehicle_beside_its_route_is_led_onto_it_and_drives_all_of_it():
     assert run.reference.done[-1] == 1.0
 
 
-def test_at_its_start_or_without_lead_in_the_guide_is_that_of_the_file():
+def test_without_a_lead_in_the_guide_is_that_of_the_file():
     guide = SMALL.guide(LAP)
     for care, eta in ((Precautions(), LAP.eta[0]), (Precautions(lead_in=False), BESIDE)):
         assert care.around(guide, LAP, SMALL, eta, SMALL.estimator()) is guide
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_the_radius_of_a_way_is_one_that_the_vehicle_holds(name):
+def test_the_lead_in_radius_is_possible_for_the_vehicle(name):
     from baqueano.routes.capability import Capability
 
     file, route = load(name), circle(2.0, 0.4)
@@ -84,7 +84,7 @@ def test_the_radius_of_a_way_is_one_that_the_vehicle_holds(name):
     assert Capability(file).share(0.4, 0.4 / limits["radius_m"]) < 1.0
 
 
-def test_after_a_push_it_comes_back_to_its_route():
+def test_a_vehicle_returns_to_its_route_after_a_push():
     run = repeat(SMALL, LAP, shake=["3 s: push 0.5 N s left"])
     away, _ = off_route(run, LAP)
     after = run.truth.t_ns[::5] > 6e9
@@ -113,7 +113,7 @@ def begin(*arguments):
     return caution
 
 
-def test_a_sensor_that_is_off_slows_stops_and_is_named():
+def test_an_inconsistent_sensor_slows_and_stops_the_vehicle():
     times = np.arange(0.0, WAIT_S + STAND_S + 0.2, 0.1)
     caution = begin()
     rows = watch_rows(caution, [(t, doubtful(SENSOR)) for t in times])
@@ -127,13 +127,13 @@ def test_a_sensor_that_is_off_slows_stops_and_is_named():
     assert [(level, event.code) for _, level, event in caution.events()] == [("warning", "caution.slow")]
 
 
-def test_what_may_be_the_model_only_slows_and_a_worn_model_does_not():
+def test_an_unclear_misfit_slows_the_vehicle_and_model_wear_does_not():
     for off, pace in ((UNKNOWN, SLOW), (MODEL, 1.0)):
         rows = watch_rows(begin(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
         assert rows == [(pace, None)] * 18
 
 
-def test_a_doubt_that_ends_ends_the_slowness():
+def test_the_speed_recovers_after_a_misfit_ends():
     caution = begin()
     rows = watch_rows(
         caution, [(0.0, doubtful(SENSOR)), (2.0, ()), (3.0, doubtful(SENSOR)), (5.5, doubtful(SENSOR))]
@@ -146,7 +146,7 @@ def test_a_doubt_that_ends_ends_the_slowness():
     ]
 
 
-def test_an_uncertain_position_is_a_doubt():
+def test_an_uncertain_position_slows_the_vehicle():
     caution, cov = begin(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
     for t_s in (0.0, WAIT_S):
         caution.look(record(t_s, cov=cov))
@@ -154,11 +154,11 @@ def test_an_uncertain_position_is_a_doubt():
     assert caution.stop_reason(round(1e9 * (WAIT_S + STAND_S))).figures["cause"].code == "caution.uncertain"
 
 
-def test_without_caution_nothing_is_doubtful():
+def test_without_caution_the_vehicle_does_not_slow():
     assert watch_rows(begin(0.5, False), [(t, doubtful(SENSOR)) for t in (0.0, 9.0)]) == [(1.0, None)] * 2
 
 
-def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
+def test_a_drive_with_sensor_spikes_slows_and_logs_the_reason():
     run = repeat(SMALL, LAP, laps=2, shake=["3-60 s: spikes imu[0] 8, 50 %"])
     slow = [event for event in run.events if event.source == "caution"]
     assert slow[0].diagnostic.code == "caution.slow"
@@ -166,7 +166,7 @@ def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
     assert np.max(run.reference.nu[later, 0]) == pytest.approx(SLOW * 0.25)
 
 
-def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
+def test_a_stuck_vehicle_ends_the_drive_and_a_waiting_vehicle_does_not():
     at_wall, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
     for t_s in np.arange(0.0, 8.0, 0.1):
         at_wall.look(record(t_s, velocity=(0.2, 0.0, 0.0)))
@@ -178,7 +178,7 @@ def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
     assert goes.stop_reason(7_950_000_000) is None
 
 
-def test_the_region_of_the_place_stops_before_the_wall():
+def test_position_uncertainty_stops_the_vehicle_before_the_wall():
     room, origin = PlainRoom((1.0, 2.0), (0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
     std = 0.1
     for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
@@ -191,7 +191,7 @@ def test_the_region_of_the_place_stops_before_the_wall():
     assert room_watch.stop_reason(0).figures["stop_m"] == pytest.approx(0.15)
 
 
-def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():
+def test_endless_laps_by_imu_stop_before_a_wall():
     room = PlainRoom((0.93, 0.93), (0.0, -0.4, 0.0))
     run = repeat(SMALL, LAP, laps=0, room=room, duration_s=120.0)
     assert stop_of(run).code == StopReason.ROOM
@@ -210,12 +210,12 @@ def test_a_mission_carries_its_precautions_and_where_the_vehicle_stands():
 @pytest.mark.parametrize(
     "wrong", [{"anyway": 1}, {"nothing": True}, {"room": {"free": [1.0]}}, {"patience_s": "long"}]
 )
-def test_precautions_that_are_none_are_refused(wrong):
+def test_unknown_precautions_are_refused(wrong):
     with refused("mission.damaged", UsageError):
         Mission("repeat", route=LAP, precautions=wrong)
 
 
-def test_the_way_back_ends_at_the_start():
+def test_the_return_path_ends_at_the_start():
     run = repeat(SMALL, line(0.8, 0.25), way_back=True)
     assert run.reference.eta[-1] == pytest.approx(np.zeros(3), abs=1e-6)
     assert np.hypot(*run.truth.eta[-1, :2]) < 0.05

@@ -1,4 +1,4 @@
-"""The block of lines that a driver sees."""
+"""The lines of text that the driver reads in the terminal."""
 
 import re
 
@@ -10,7 +10,7 @@ from baqueano.language import within
 
 
 def terminal_screen(frames, rows=24):
-    """What a terminal shows after these bytes: up, carriage return, new line and cut off are all it must know."""
+    """The screen of a terminal after these bytes: it supports up, carriage return, new line and truncation."""
     screen, at = [""] * rows, 0
     for token in re.findall(r"\x1b\[\d+A|\x1b\[K|\x1b\[\?2026[hl]|[^\x1b\r\n]+|\r|\n", frames.decode()):
         if token.endswith("A") and token[0] == "\x1b":
@@ -23,7 +23,7 @@ def terminal_screen(frames, rows=24):
 
 
 @pytest.mark.parametrize("columns", [40, 80, 132])
-def test_no_line_wraps_and_the_block_fits_a_small_terminal(columns):
+def test_the_driver_display_fits_a_small_terminal_without_wrapping(columns):
     status = Status("pi@robot-of-a-long-name.local", reason="the battery " * 20, line="x" * 300)
     block = lines(status, columns)
     assert len(block) < 24
@@ -33,7 +33,7 @@ def test_no_line_wraps_and_the_block_fits_a_small_terminal(columns):
 
 @pytest.mark.parametrize("language", ["en", "es"])
 @pytest.mark.parametrize("hold", [0.03, np.nan, None])
-def test_what_holds_the_heading_fits_into_eighty_columns(language, hold):
+def test_the_heading_control_line_fits_into_eighty_columns(language, hold):
     with within(language):
         narrow, wide = (
             [row for row in lines(Status("robot", hold=hold), columns) if "u_psi" in row]
@@ -42,7 +42,7 @@ def test_what_holds_the_heading_fits_into_eighty_columns(language, hold):
     assert narrow == wide != []
 
 
-def test_the_second_block_is_drawn_over_the_first():
+def test_the_second_display_overwrites_the_first():
     screen, status = Screen(), Status("robot")
     first = screen.frame(lines(status))
     status.applied = np.array([0.3, 0.0, -1.0])
@@ -58,5 +58,5 @@ def test_a_terminal_that_is_too_low_shows_the_end_of_the_block():
     assert screen_lines[:4] == block[-4:]
 
 
-def test_what_is_not_known_is_a_dash():
+def test_an_unknown_value_is_displayed_as_a_dash():
     assert "battery - V" in "".join(lines(Status("robot")))

@@ -58,14 +58,14 @@ return state, Command(estimate.t_ns, np.zeros(3))
 """
 
 
-def test_a_block_of_ones_own_is_compiled_like_ours(tmp_path):
+def test_a_user_block_is_compiled_like_a_built_in_block(tmp_path):
     blocks = blocks_with(tmp_path, GOOD)
     run, plain = run_of(blocks), run_of(blocks, backend="numpy")
     assert [e for e in run.events if e.source != REFUSED] == []
     np.testing.assert_allclose(run.requested, plain.requested, atol=1e-9)
 
 
-def test_a_block_with_an_if_on_a_value_runs_as_it_is_written_and_the_run_says_so(tmp_path):
+def test_a_block_with_a_data_dependent_if_runs_uncompiled_with_a_note(tmp_path):
     run = run_of(blocks_with(tmp_path, BRANCH))
     assert stop_of(run) is None
     assert len(run.t_ns) == 30
@@ -90,7 +90,7 @@ def test_a_block_with_an_if_on_a_value_runs_as_it_is_written_and_the_run_says_so
     ],
 )
 @pytest.mark.parametrize("backend", ["auto", "numpy"])
-def test_a_block_that_fails_is_named_with_its_file_and_line(tmp_path, body, words, backend):
+def test_a_failing_block_is_named_with_its_file_and_line(tmp_path, body, words, backend):
     run = run_of(blocks_with(tmp_path, body), backend=backend)
     reason = stop_of(run)
     assert reason.figures["block"].startswith("controller Mine (")
@@ -124,7 +124,7 @@ class Gyro:
 """
 
 
-def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_begins(tmp_path):
+def test_an_estimator_without_a_start_pose_drives_with_a_note(tmp_path):
     (tmp_path / "gyro.py").write_text(OWN_ESTIMATOR, encoding="utf-8")
     blocks = Blocks(
         resolve("estimator", "gyro.py:Gyro", tmp_path)(),
@@ -140,7 +140,7 @@ def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_
     assert run.estimate.innovation is None
 
 
-def test_the_estimator_of_a_new_project_takes_a_recording_whose_clock_began_in_1970():
+def test_the_project_estimator_accepts_timestamps_since_1970():
     run = experiment(FILE, np.tile([0.6, 0.0, 0.1], (200, 1))).cut(1.0)  # it begins in motion
     estimator = FILE.estimator(kind=f"{files('baqueano.project').joinpath('my_estimator.py')}:MyEstimator")
     now, since_1970 = (

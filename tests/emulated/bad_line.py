@@ -1,4 +1,4 @@
-"""What stands between the link and the wire of an emulated robot, and harms what passes."""
+"""A fault injector between the link and the serial line of an emulated robot."""
 
 import random
 from collections.abc import Iterator

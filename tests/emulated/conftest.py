@@ -1,4 +1,4 @@
-"""What the emulated tests need of the machine: fixtures by name, and which Debian packages stand behind each.
+"""The requirements of the emulated tests: fixtures by name, and the Debian packages of each.
 
 Where a package is missing the tests that need it are skipped, each by its name; where CI is set they fail.
 """

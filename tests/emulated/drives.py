@@ -1,4 +1,4 @@
-"""Drives of the onboard service on the emulated robot, and what is done to it on the way."""
+"""Drives of the onboard service on the emulated robot, with actions during the drive."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -53,7 +53,7 @@ class Hand:
 
 
 class OnBus:
-    """A chip on its bus, the driver, and a time that passes when somebody waits. `chip`: options of MpuEmulator."""
+    """A chip on its bus, the driver, and a time that advances during each wait. `chip`: options of MpuEmulator."""
 
     def __init__(self, folder, patches, **chip):
         self.now_ns = 10**9

@@ -16,7 +16,7 @@ READS = 1
 
 
 class Clock:
-    """A clock that goes on when somebody sleeps or a transfer takes its time."""
+    """A clock that advances during each sleep and each transfer."""
 
     def __init__(self) -> None:
         self.now = 1_000_000_000

@@ -229,7 +229,7 @@ class MpuEmulator:
 
     @property
     def interrupt(self) -> bool:
-        """Level of the INT pin while it is latched: something enabled has happened and nobody has read it."""
+        """Level of the INT pin while it is latched: an enabled event has happened and has not been read."""
         return bool(self.regs[INT_STATUS] & self.regs[INT_ENABLE])
 
     def run_until(self, t_ns: int) -> None:

@@ -22,7 +22,7 @@ CLOCK_HZ = os.sysconf("SC_CLK_TCK")
 
 
 class Running:
-    """A service that said READY=1 to its systemd, and what the system tells of it."""
+    """A service that has sent READY=1 to its systemd, and its figures from the system."""
 
     def __init__(self, process: Any, door: Path, file: Any, live: OnPty, messages: list[str]) -> None:
         self.process, self.door, self.file, self.live, self.notifications = (
@@ -78,8 +78,8 @@ def running(
     imu: bool = True,
     unheard: int = 0,
 ) -> Iterator[Running]:
-    """The service, once it said so to systemd; its lines go to the file said.txt of `folder`. The IMU does not answer
-    the first `unheard` transfers."""
+    """The service after READY=1; its output goes to the file said.txt of `folder`. The IMU does not answer the first
+    `unheard` transfers."""
     machine = Machine() if imu else None
     try:
         if machine is not None and unheard:

@@ -32,7 +32,7 @@ def new(bits: list[int], scl_held: bool = False) -> dict:
 
 
 def levels(lines: dict) -> tuple[int, int]:
-    """SDA and SCL: high where nobody pulls."""
+    """SDA and SCL: high if neither side pulls the line low."""
     low_sides = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
     chip = [bool(lines["bits"]) and not lines["bits"][0], lines["scl_held"]]
     return int(not (low_sides[0] or chip[0])), int(not (low_sides[1] or chip[1]))

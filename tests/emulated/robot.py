@@ -157,7 +157,7 @@ class EmulatedWorld(Robot):
         return self.robot.motion
 
     def ticks(self, rate_hz: float) -> Iterator[int]:
-        """The clock of a drive, for which somebody has put the vehicle back; the motors are armed at its start."""
+        """The clock of a drive after the vehicle was put back; the motors are armed at its start."""
         self.robot.put_back()
         start = self.robot.now_ns
         self.begin(start)

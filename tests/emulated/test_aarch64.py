@@ -27,7 +27,7 @@ def _aarch64(request):
         pytest.skip(f"{request.node.name}: {lacking}")
 
 
-def test_the_command_line_answers(tmp_path):
+def test_the_command_line_runs_on_aarch64(tmp_path):
     done = subprocess.run(
         [*aarch64.python(), "-m", "baqueano", "--version"], env=aarch64.environment(False, tmp_path),
         capture_output=True, text=True, timeout=10 * PATIENCE_S,

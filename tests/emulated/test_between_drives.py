@@ -1,4 +1,4 @@
-"""What a drive leaves behind is taken away before the next one, and what is said between two drives is not lost.
+"""State of one drive is removed before the next drive, and messages between two drives are not lost.
 
 On the real firmware and the real drivers in lock-step.
 """
@@ -45,7 +45,7 @@ def preparing(monkeypatch):
     return begin
 
 
-def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_trouble(service, robot, closing):
+def test_closing_a_run_longer_than_the_command_timeout_causes_no_fault(service, robot, closing):
     troubles = []
     closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.trouble)))
     done, run = drive(service, spin())
@@ -55,7 +55,7 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
-def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service, robot, tmp_path):
+def test_an_unwritable_run_folder_ends_the_mission_and_not_the_service(service, robot, tmp_path):
     look_around(service, robot, 3)
     service.folder = tmp_path / "a file" / "runs"
     service.folder.parent.write_text("no folder")
@@ -68,17 +68,17 @@ def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service
 
 
 def clear_after(service, robot, times):
-    """Somebody says so, once, and it looks so often."""
+    """Request a clear once; the service then looks at the hardware `times` times."""
     service.operator.clear_requested = True
     look_around(service, robot, times)
 
 
 def latched(robot):
-    """Whether the Uno itself says so."""
+    """Whether the Uno itself reports its latch."""
     return bool(robot.board.state().flags & StateFlag.STOPPED)
 
 
-def test_the_latch_of_the_uno_is_asked_away_until_telemetry_shows_that_it_is(service, robot):
+def test_clearing_the_latch_is_repeated_until_telemetry_confirms(service, robot):
     service.operator.stop(TEACHER)
     look_around(service, robot, 3)
     assert latched(robot)
@@ -91,7 +91,7 @@ def test_the_latch_of_the_uno_is_asked_away_until_telemetry_shows_that_it_is(ser
     assert not latched(robot)
 
 
-def test_a_latch_of_before_the_service_can_be_cleared_though_nothing_stopped_it(service, robot):
+def test_a_latch_from_before_the_service_start_can_be_cleared(service, robot):
     robot.uno.stop()
     look_around(service, robot, 2)
     assert service.machine.state is DoorState.DISARMED
@@ -103,7 +103,7 @@ def test_a_latch_of_before_the_service_can_be_cleared_though_nothing_stopped_it(
     assert not latched(robot)
 
 
-def test_a_clear_of_long_ago_takes_no_later_latch_away(service, robot):
+def test_an_old_clear_request_does_not_clear_a_later_latch(service, robot):
     clear_after(service, robot, 2)
     robot.uno.stop()
     look_around(service, robot, 5)
@@ -115,7 +115,7 @@ def test_a_clear_of_long_ago_takes_no_later_latch_away(service, robot):
     assert latched(robot)
 
 
-def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_again(service, robot):
+def test_a_reset_in_the_last_tick_of_a_drive_is_recovered(service, robot):
     me = object()
     service.operator.hold(me)
 
@@ -130,7 +130,7 @@ def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_a
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
-def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
+def test_a_stop_during_closing_of_the_run_is_latched(service, robot, closing):
     closing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
     assert (done["why"], done["code"]) == (None, 0), "the drive itself went well"
@@ -142,7 +142,7 @@ def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
     assert service.machine.state is DoorState.READY
 
 
-def test_a_stop_while_a_mission_is_prepared_is_latched_and_nothing_moves(service, robot, preparing):
+def test_a_stop_during_preparation_is_latched_and_nothing_moves(service, robot, preparing):
     preparing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
     assert done["why"] == TEACHER
@@ -150,7 +150,7 @@ def test_a_stop_while_a_mission_is_prepared_is_latched_and_nothing_moves(service
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 
-def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, preparing):
+def test_a_stop_during_a_failing_preparation_is_latched(service, robot, preparing):
     def fails():
         service.operator.stop(TEACHER)
         raise FileError("mine.py: broken")
@@ -161,7 +161,7 @@ def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, 
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
 
 
-def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason(service, robot, closing):
+def test_a_second_stop_does_not_replace_the_first_reason(service, robot, closing):
     during(service, robot, 0.3, lambda: robot.board.reset(ResetCause.BROWN_OUT))
     closing(lambda: service.operator.stop(TEACHER))
     done, _ = drive(service, spin(3.0))
@@ -193,7 +193,7 @@ def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
     ]  # fmt: skip
 
 
-def test_a_mission_that_breaks_leaves_systemd_as_impatient_as_before(service, robot, preparing):
+def test_a_failed_mission_restores_the_systemd_timeout(service, robot, preparing):
     waits = []
     service.patience = waits.append
 
@@ -210,7 +210,7 @@ def mission_of(*settings):
     return spin(0.3, file=vehicle_file.override(vehicle_file.load("small"), settings))
 
 
-def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot):
+def test_hardware_settings_of_a_mission_apply_until_its_end(service, robot):
     own, configs = config_of(service.hardware, robot.uno.info), []
     during(service, robot, 0.1, lambda: configs.append(robot.uno.info.config))
     drive(service, mission_of("robot.least_battery_v=7.9", "robot.dead_man_s=0.2"))
@@ -220,7 +220,7 @@ def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot)
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
-def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(service, robot):
+def test_mission_settings_are_restored_after_a_disconnected_line_returns(service, robot):
     line = BadLine(robot)
     during(service, robot, 0.2, lambda: setattr(line, "gone", True))
     drive(service, mission_of("robot.least_battery_v=7.9"))
@@ -232,7 +232,7 @@ def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(se
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
-def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_again(robot, tmp_path):
+def test_a_reset_at_rest_restores_the_limits_of_the_vehicle(robot, tmp_path):
     file = vehicle_file.override(vehicle_file.load("small"), ["robot.least_battery_v=6.6"])
     service = serve(robot, file, tmp_path)
     own = config_of(file.robot, robot.uno.info)
@@ -244,7 +244,7 @@ def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_ag
     assert service.machine.state is DoorState.READY
 
 
-def test_nothing_piles_up_while_it_stands(service, robot):
+def test_memory_does_not_grow_at_rest(service, robot):
     service.tell = lambda message: None
     filters = [  # the clocks keep windows of some seconds, which are not full yet
         tracemalloc.Filter(True, f"*/baqueano/{part}.py")
@@ -263,7 +263,7 @@ def test_nothing_piles_up_while_it_stands(service, robot):
     assert growth / looks < 5.0, "bytes for each look, 1.7 million of which are a day"
 
 
-def test_what_happens_to_the_hardware_while_it_stands_is_reported_once(service, robot):
+def test_a_hardware_fault_at_rest_is_reported_once(service, robot):
     robot.chip.brown_out()
     look_around(service, robot, 60)
     texts = [text(m["said"]) for m in service.messages if m["is"] == "event"]

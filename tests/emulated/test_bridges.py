@@ -13,7 +13,7 @@ def settle(uno, **settings):
 
 
 @pytest.mark.parametrize("driver", list(Driver))
-def test_r13_each_bridge_drives_both_ways_brakes_and_coasts(new_uno, driver):
+def test_r13_each_bridge_drives_in_both_directions_brakes_and_coasts(new_uno, driver):
     uno = new_uno(driver=driver)
     settle(uno, driver=driver)
     for sign in (1, -1):
@@ -32,7 +32,7 @@ def test_r13_each_bridge_drives_both_ways_brakes_and_coasts(new_uno, driver):
 
 
 @pytest.mark.parametrize("driver", list(Driver))
-def test_r13_full_and_no_duty_are_exact(new_uno, driver):
+def test_r13_full_and_zero_duty_are_exact(new_uno, driver):
     uno = new_uno(driver=driver)
     settle(uno, driver=driver)
     uno.hold(1000, -1000, 0.1)
@@ -42,7 +42,7 @@ def test_r13_full_and_no_duty_are_exact(new_uno, driver):
 
 
 @pytest.mark.parametrize("driver", list(Driver))
-def test_r13_a_pwm_above_what_the_bridge_follows_is_refused(new_uno, driver):
+def test_r13_a_pwm_frequency_above_the_limit_of_the_bridge_is_refused(new_uno, driver):
     uno = new_uno(driver=driver)
     settle(uno, driver=driver)
     most = MOST_PWM_HZ[driver]
@@ -55,14 +55,14 @@ def test_r13_a_pwm_above_what_the_bridge_follows_is_refused(new_uno, driver):
         assert info.out_of_range == 1
 
 
-def test_r13_a_slower_bridge_takes_the_pwm_down_with_it(uno):
+def test_r13_a_slower_bridge_lowers_the_pwm_frequency(uno):
     uno.send(Config(pwm_hz=20_000))
     settle(uno, driver=Driver.L293D)
     assert uno.info().config.pwm_hz == 5000
 
 
 @pytest.mark.parametrize("pwm_hz", [50, 122, 123, 1000, 20_000])
-def test_r13_pwm_has_the_frequency_asked_for(uno, pwm_hz):
+def test_r13_pwm_has_the_configured_frequency(uno, pwm_hz):
     """Mode 8: f = 16 MHz / (2 · prescaler · ICR1)."""
     uno.run_until(uno.send(Config(pwm_hz=pwm_hz)) + 5e-3)
     top = int.from_bytes(uno.ram(0x86, 2), "little")
@@ -80,7 +80,7 @@ def test_r13_pwm_has_the_frequency_asked_for(uno, pwm_hz):
         (Wiring.MOTORS_SWAPPED | Wiring.LEFT_MOTOR_REVERSED, (0.3, -0.6)),
     ],
 )
-def test_r14_motors_that_are_swapped_or_reversed_are_put_right(uno, wiring, channels):
+def test_r14_swapped_or_reversed_motors_are_corrected(uno, wiring, channels):
     settle(uno, wiring=wiring)
     uno.hold(600, 300, 0.1)
     assert (uno.duty(0), uno.duty(1)) == pytest.approx(channels, abs=1e-3)

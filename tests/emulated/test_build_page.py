@@ -1,4 +1,4 @@
-"""docs/build.md: its lines set up an Uno, and tell what a builder wants to read."""
+"""docs/build.md: its commands set up an Uno, and their output is that of the page."""
 
 import re
 import shlex
@@ -20,7 +20,7 @@ def shape(figure):
     return re.sub(r"[-+]?\d+(\.\d+)*", "0", figure)
 
 
-def test_the_page_shows_what_doctor_says_of_an_uno(firmware):
+def test_the_build_page_shows_the_doctor_output_of_an_uno(firmware):
     block = PAGE.partition("What step 5 says of an Uno that is well")[2].split("```")[1]
     rows = [re.split(r"  +", line, maxsplit=2)[1:] for line in block.splitlines()[1:]]
     with on_pty(firmware) as live:
@@ -30,7 +30,7 @@ def test_the_page_shows_what_doctor_says_of_an_uno(firmware):
         assert shape(check.figure).startswith(shape(figure).removesuffix("…")), check.name
 
 
-def test_the_lines_of_the_page_set_the_bridge_and_the_encoders_and_tell_what_is_wired(
+def test_the_commands_of_the_build_page_configure_bridge_and_encoders(
     firmware, monkeypatch, capsys, tmp_path
 ):
     section = PAGE.partition("### Which bridge, which encoders")[2]

@@ -1,4 +1,4 @@
-"""A chip holds the I2C bus in a drive: the vehicle stops, the bus is clocked free, and the vehicle is READY again.
+"""A chip blocks the I2C bus in a drive: the vehicle stops, clocks free the bus, and the vehicle is READY again.
 
 On the real firmware and the real drivers in lock-step. The calls of `pinctrl` take the time of this machine, which the
 vehicle waits for.
@@ -28,7 +28,7 @@ def lines(tmp_path, monkeypatch):
 
 
 def hold(robot, pins):
-    """From now on each transfer takes the time that the driver told the kernel, until the lines are free."""
+    """From now on each transfer lasts until the timeout that the driver set in the kernel, until the lines are free."""
     robot.bus.sda_low = pins
     robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
 
@@ -50,9 +50,7 @@ def last_state(service):
     return [m for m in service.messages if m["is"] == "state"][-1]
 
 
-def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_ready_again(
-    service, robot, lines
-):
+def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, lines):
     pins, log, early = lines([]), [], []
     service.say = log.append
 
@@ -79,7 +77,7 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
     assert pins.read()["driven_high"] == 0
     assert not robot.imu.silent
     assert service.machine.state is DoorState.STOPPED, (
-        "a stop is latched: somebody has to look at the vehicle"
+        "a stop is latched: an operator must inspect the vehicle"
     )
     service.operator.clear_requested = True
     looked_on(service, robot, 1.0)
@@ -88,7 +86,7 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
     assert done["why"] is None
 
 
-def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(service, robot, lines):
+def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
     pins, states = lines([0] * 9), []
     service.healthy = lambda: states.append(service.machine.state)
     hold(robot, pins)
@@ -104,9 +102,7 @@ def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(ser
     assert done["why"] is None
 
 
-def test_a_bus_that_cannot_be_freed_is_reported_once_tried_again_and_ready_once_it_is_free(
-    service, robot, lines
-):
+def test_an_unrecoverable_bus_is_reported_once_and_retried(service, robot, lines):
     pins, log = lines([0] * 3, scl_held=True), []
     service.say = log.append
     hold(robot, pins)
@@ -122,7 +118,7 @@ def test_a_bus_that_cannot_be_freed_is_reported_once_tried_again_and_ready_once_
     assert service.machine.state is DoorState.READY
 
 
-def test_without_pinctrl_a_held_bus_is_reported_and_waited_for(service, robot, monkeypatch, tmp_path):
+def test_a_blocked_bus_without_pinctrl_is_reported_until_free(service, robot, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     hold(robot, True)
     looked_on(service, robot, 2.0)
@@ -132,7 +128,7 @@ def test_without_pinctrl_a_held_bus_is_reported_and_waited_for(service, robot, m
     assert service.machine.state is DoorState.READY
 
 
-def test_what_was_said_of_one_hold_is_not_reported_of_the_next(service, robot, lines):
+def test_the_report_of_one_bus_fault_is_not_repeated_for_the_next(service, robot, lines):
     pins = lines([0] * 9)
     hold(robot, pins)
     looked_on(service, robot, 2.0)
@@ -146,7 +142,7 @@ def test_what_was_said_of_one_hold_is_not_reported_of_the_next(service, robot, l
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 
 
-def test_what_a_recovery_did_is_reported_until_the_next_drive(service, robot, lines):
+def test_a_bus_recovery_is_reported_until_the_next_drive(service, robot, lines):
     hold(robot, lines([0] * 9))
     looked_on(service, robot, 10.0)
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
@@ -156,7 +152,7 @@ def test_what_a_recovery_did_is_reported_until_the_next_drive(service, robot, li
     assert last_state(service)["imu_bus"] is None
 
 
-def test_a_bus_that_lets_go_by_itself_is_not_reported_to_be_held(service, robot, lines):
+def test_a_bus_that_frees_itself_is_not_reported_as_blocked(service, robot, lines):
     pins = lines([0] * 3, scl_held=True)
     hold(robot, pins)
     looked_on(service, robot, 2.0)

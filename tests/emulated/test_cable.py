@@ -60,9 +60,7 @@ def look_until(service, well):
         time.sleep(0.05)
 
 
-def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_once_it_was_cleared(
-    plugged_uno, tmp_path, monkeypatch
-):
+def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, tmp_path, monkeypatch):
     monkeypatch.setenv("BAQUEANO_BACKEND", "numpy")
     live, name = plugged_uno
     head, rest = vehicle_file.load("small").text.split("[sensors.imu]")

@@ -1,4 +1,4 @@
-"""How the IMU sits and its biases, found through the real driver while a hand moves the emulated vehicle."""
+"""The mounting and the biases of the IMU, calibrated by the real driver while a hand moves the emulated vehicle."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def robot(tmp_path, monkeypatch):
 
 
 def follows(hand, lift=0.3, turn=np.pi, roll=0.0):
-    """A person who does as they are told."""
+    """A person who follows the instructions."""
 
     def say(text):
         if "lift" in text:
@@ -35,7 +35,7 @@ def calibration(robot, say):
     return calibrate_imu.calibrate(ImuReader(robot.imu, robot.wait, lambda: robot.now_ns), say)
 
 
-def test_axes_and_biases_are_found_on_a_floor_that_slopes(robot):
+def test_axes_and_biases_are_identified_on_a_sloping_floor(robot):
     axes = ON_EDGE.body_from_chip()
     hand = Hand(
         robot, axes, slope=(0.02, -0.03), accel_bias=axes.T @ [0.11, -0.07, 0.2], gyro_bias=axes.T @ [0.01, 0.02, 0.03]
@@ -49,7 +49,7 @@ def test_axes_and_biases_are_found_on_a_floor_that_slopes(robot):
     assert mount.gyro == pytest.approx(0.03, abs=5e-4)
 
 
-def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
+def test_the_calibrated_imu_measures_zero_at_rest(robot):
     file = vehicle_file.load("small")
     mount = calibration(robot, follows(Hand(robot, gyro_bias=(0.0, 0.0, -0.02), accel_bias=(0.3, 0.1, 0.0))))
     values = mount.values(file)
@@ -61,18 +61,18 @@ def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
     assert imu.gyro_bias == pytest.approx(-0.02, abs=5e-4)
 
 
-def test_a_turn_to_the_right_is_reported(robot):
+def test_a_right_turn_during_calibration_is_reported(robot):
     with pytest.raises(AnswerNo, match=r"turned by \d+° to the right"):
         calibration(robot, follows(Hand(robot), turn=-np.pi))
 
 
-def test_a_vehicle_that_nobody_lifts_is_waited_for_and_then_told(robot):
+def test_a_vehicle_that_is_not_lifted_ends_the_calibration(robot):
     Hand(robot)
     with pytest.raises(AnswerNo, match=r"lift of the front: the IMU measured nothing of this within 8 s"):
         calibration(robot, lambda text: None)
 
 
-def test_a_vehicle_that_is_carried_about_is_not_at_rest(robot):
+def test_a_carried_vehicle_is_not_at_rest(robot):
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.8), (0.3 * np.sin(3e-9 * t_ns), 0.0, 0.0))
     with pytest.raises(AnswerNo, match=r"at rest: the vehicle moved during 8 s"):
         calibration(robot, lambda text: None)
@@ -84,18 +84,18 @@ def test_an_imu_without_samples_is_reported(robot):
         reader.samples(1.0)
 
 
-def test_a_chip_that_lies_oblique_has_no_axis_that_points_up():
+def test_an_oblique_chip_is_refused_without_a_vertical_axis():
     with pytest.raises(AnswerNo, match="every axis is more than 25° from the vertical"):
         upward(np.array([5.0, 0.0, 8.4]))
 
 
-def test_a_lift_over_a_corner_tells_nothing_of_ahead():
+def test_a_lift_over_a_corner_does_not_give_the_forward_direction():
     with pytest.raises(AnswerNo, match="lifted over a corner"):
         ahead(np.array([2.0, -1.5, 0.1]), np.array([0.0, 0.0, 1.0]))
 
 
 @pytest.mark.parametrize("turn", [1.7, 3.0, 4.2])
-def test_bias_and_slope_are_distinguished_by_any_turn_between_a_quarter_and_three(turn):
+def test_a_turn_of_one_to_three_quarters_separates_bias_and_slope(turn):
     bias, slope = np.array([0.1, -0.2]), np.array([0.3, 0.05])
     c, s = np.cos(turn), np.sin(turn)
     found_bias, found_slope = biases(bias + slope, bias + np.array([[c, s], [-s, c]]) @ slope, turn)

@@ -1,4 +1,4 @@
-"""Wiring, dead zones and slopes, found by gyro and accelerometer on the real firmware in a simulated body."""
+"""Wiring, dead zones and slopes, calibrated by gyro and accelerometer on the real firmware in a simulated body."""
 
 import numpy as np
 import pytest
@@ -39,9 +39,7 @@ def bench(robot):
     return FloorTests(robot.uno, robot.imu, robot.wait, lambda: robot.now_ns)
 
 
-def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afterwards(
-    robot, bench, monkeypatch
-):
+def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, bench, monkeypatch):
     monkeypatch.setattr(calibrate_motors, "LEVELS", 5)  # of a body whose lags are known to be short
     monkeypatch.setattr(calibrate_motors, "SETTLE_S", 0.6)
     robot.plugs = ((1, -1.0), (0, 1.0))
@@ -87,7 +85,7 @@ def test_each_wiring_is_distinguished_from_the_others(robot, bench, plugs, expec
     assert calibrate_motors._wiring(bench, lambda text: None) == expected
 
 
-def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robot, bench):
+def test_heading_control_reduces_the_remaining_heading_error(robot, bench):
     robot.plugs = ((0, 1.0), (1, 0.75))
     bench.uno.arm()
     for sign in (1.0, -1.0):
@@ -101,7 +99,7 @@ def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robo
         assert turn == pytest.approx(robot.motion.eta[2] - before, abs=np.radians(2.0))
 
 
-def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(robot, bench):
+def test_a_disconnected_motor_is_named_and_old_settings_are_restored(robot, bench):
     robot.plugs = ((0, 1.0), (1, 0.0))
     before = Settings(ways=(Way(100, 900, 0),) * 4, dither_permille=20)
     robot.uno.keep(before, robot.wait)
@@ -111,7 +109,7 @@ def test_a_motor_without_its_wires_is_named_and_the_settings_of_before_are_back(
     assert not robot.board.moving
 
 
-def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, bench, monkeypatch):
+def test_without_accelerometer_signal_the_forward_direction_is_unknown(robot, bench, monkeypatch):
     motion = robot.chip.motion
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), motion(t_ns)[1])
     bench.uno.arm()
@@ -121,14 +119,14 @@ def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, 
         calibrate_motors._wiring(bench, lambda text: None)
 
 
-def test_an_imu_whose_axes_are_not_known_yet_is_sent_to_its_own_calibration(robot, bench):
+def test_unknown_imu_axes_require_an_imu_calibration_first(robot, bench):
     robot.chip.motion = lambda t_ns: ((9.80665, 0.0, 0.0), (0.0, 0.0, 0.0))
     robot.wait(0.1)
     with pytest.raises(AnswerNo, match=r"measures \(9\.\d, 0\.\d, .*calibrate imu"):
         calibrate(bench)
 
 
-def test_a_vehicle_in_somebodys_hands_is_not_driven(robot, bench):
+def test_a_vehicle_in_hand_is_not_driven(robot, bench):
     motion = robot.chip.motion
     robot.chip.motion = lambda t_ns: (motion(t_ns)[0], (0.0, 0.0, np.sin(1e-8 * t_ns)))
     with pytest.raises(AnswerNo, match="does not stand still with its motors off"):
@@ -136,7 +134,7 @@ def test_a_vehicle_in_somebodys_hands_is_not_driven(robot, bench):
 
 
 @pytest.mark.parametrize("fault", ["imu", "uno"])
-def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench, fault):
+def test_a_hardware_failure_ends_the_calibration_with_motors_off(robot, bench, fault):
     bench.uno.arm()
     bench.hold(0.6, -0.6, 0.2)
     if fault == "imu":
@@ -158,7 +156,7 @@ MINE = Settings(
 
 
 @pytest.mark.parametrize("end_by", ["imu", "uno", "ctrl-c"])
-def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, bench, end_by):
+def test_an_interrupted_calibration_restores_the_uno_settings(robot, bench, end_by):
     robot.uno.keep(MINE, robot.wait)
     texts = []
 
@@ -176,7 +174,7 @@ def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, ben
     assert not robot.board.moving
 
 
-def test_an_uno_whose_cable_is_out_is_reported_as_half_calibrated_with_the_line_that_mends_it(robot, bench):
+def test_a_disconnected_uno_is_reported_as_half_calibrated_with_a_remedy(robot, bench):
     robot.uno.keep(MINE, robot.wait)
     texts, line = [], (robot.write, robot.read)
 
@@ -202,7 +200,7 @@ def test_an_uno_whose_cable_is_out_is_reported_as_half_calibrated_with_the_line_
     assert changed(Settings(), expected) == MINE
 
 
-def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
+def test_calibrated_slopes_equalise_the_wheels_to_the_weakest_wheel():
     way_list = ways(
         (
             Sweep(0.4, 0.3, 10.0, 0.0),
@@ -216,12 +214,12 @@ def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
     assert max(way.dead_zone_permille + way.slope_permille for way in way_list) == 1000
 
 
-def test_a_sweep_that_moved_nothing_is_reported():
+def test_a_sweep_without_motion_is_reported():
     with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 turned the wheel"):
         fitted(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
 
 
-def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_reported():
+def test_a_dead_zone_too_large_for_the_firmware_is_reported():
     duties = np.linspace(1.0, 0.8, 8)
     with pytest.raises(
         AnswerNo, match="does not turn below a duty of 75%, and the firmware compensates 70 %"
@@ -229,7 +227,7 @@ def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_reported():
         fitted(0.8, duties, 5.0 * (duties - 0.75), "right backwards")
 
 
-def test_a_crooked_vehicle_is_reported_what_to_look_for():
+def test_a_vehicle_that_drives_crooked_gets_a_list_of_causes():
     settings = Settings(ways=(Way(300, 700, 0),) * 4)
     motors = calibrate_motors.Motors(
         settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0), (1.5, -0.2)

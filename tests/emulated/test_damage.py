@@ -45,7 +45,7 @@ def counts_of(program: Path, seed: int, frames: int) -> dict[str, int]:
     return json.loads(done.stdout)
 
 
-def test_r18_fw4_of_a_million_damaged_frames_not_one_moves_a_motor(host_firmware):
+def test_r18_fw4_a_million_damaged_frames_move_no_motor(host_firmware):
     """Bits, bytes, bursts, bytes lost and added, heads joined to other tails; the firmware is armed throughout.
 
     Without the seal of a command (frames.py (4)) CRC-16 alone lets one through in two of three such runs.
@@ -90,7 +90,7 @@ def test_r18_damaged_commands_move_nothing_and_are_counted(uno):
     assert uno.duty(0) == pytest.approx(0.9), "what is right is still obeyed"
 
 
-def test_r18_noise_alone_moves_nothing_and_telemetry_goes_on(uno):
+def test_r18_noise_alone_moves_no_motor_and_telemetry_continues(uno):
     chance = random.Random(9)
     uno.arm()
     uno.forget_outputs()
@@ -104,7 +104,7 @@ def test_r18_noise_alone_moves_nothing_and_telemetry_goes_on(uno):
     assert len([r for _, r in uno.transcript[before:] if isinstance(r.frame, State)]) >= 9
 
 
-def test_r18_fw6_noise_before_a_frame_costs_the_frame_nothing(uno):
+def test_r18_fw6_noise_before_a_frame_does_not_lose_the_frame(uno):
     chance = random.Random(10)
     uno.run(0.02)
     uno.frames()
@@ -117,7 +117,7 @@ def test_r18_fw6_noise_before_a_frame_costs_the_frame_nothing(uno):
     assert tokens == list(range(100))
 
 
-def test_r18_with_5_percent_of_bytes_wrong_the_vehicle_goes_on_under_what_arrives_whole(uno):
+def test_r18_the_vehicle_drives_with_5_percent_of_bytes_damaged(uno):
     """A command of 16 bytes arrives whole with 0.95¹⁶ = 44 %: at 100 Hz the dead-man has 30 of them to wait for."""
     chance = random.Random(11)
     uno.arm()

@@ -37,7 +37,7 @@ def counts_of(check):
     return [int(n) for n in re.findall(r"(?<![\d.])\d+(?![\d.])", check.figure)]
 
 
-def test_an_uno_on_a_line_is_reported_with_its_figures(firmware):
+def test_the_doctor_reports_the_figures_of_an_uno(firmware):
     with on_pty(firmware) as live:
         for _ in range(5):  # a machine that stalls loses frames, too
             checks = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
@@ -57,13 +57,13 @@ def test_an_uno_on_a_line_is_reported_with_its_figures(firmware):
     assert int(checks["Uno's memory"].figure.split()[0]) > 1000
 
 
-def test_an_uno_whose_memory_is_nearly_used_up_is_reported(robot):
+def test_an_uno_with_little_free_memory_is_reported(robot):
     check = uno_checks.memory(robot.board.info()._replace(least_free_ram=40))
     assert (check.verdict, check.figure) == ("warn", "40 of 2048 bytes were never used")
     assert "robot flash" in check.remedy
 
 
-def test_an_uno_that_was_asked_before_and_not_reset_obeys_who_asks_again(firmware):
+def test_an_uno_without_a_reset_accepts_a_second_check(firmware):
     """Its number of the last command is not that of a host that begins at 0."""
     with on_pty(firmware) as live:
         for _ in range(5):
@@ -74,7 +74,7 @@ def test_an_uno_that_was_asked_before_and_not_reset_obeys_who_asks_again(firmwar
     assert counts_of(checks["frames to the Uno"])[1:] == [0, 0, 0, 0]
 
 
-def test_a_well_robot_is_well(robot):
+def test_a_sound_robot_passes_all_checks(robot):
     robot.uno.keep(Settings(ways=(Way(300, 700, 0),) * 4), robot.wait)
     checks = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
     assert {check.verdict for check in checks.values()} == {"ok"}, checks
@@ -107,13 +107,13 @@ def test_a_line_that_loses_frames_is_reported(robot):
 
 
 def looked_at(robot, seconds=2.0):
-    """What doctor says of the Uno after so many seconds of commands."""
+    """The checks of the doctor on the Uno after this many seconds of commands."""
     before = copy(robot.uno.statistics)
     uno_checks.commanded(robot.uno, seconds, robot.wait)
     return by_name(uno_checks.answers(robot.uno, 0.0, before, robot.wait))
 
 
-def test_what_is_damaged_on_its_way_to_the_uno_is_counted_there_and_reported_here(robot):
+def test_frames_damaged_on_the_way_to_the_uno_are_reported(robot):
     line, bad_before = BadLine(robot, seed=1), robot.board.info().bad_crc
     line.noise = 0.001
     check = looked_at(robot, 8.0)["frames to the Uno"]
@@ -133,7 +133,7 @@ def test_what_is_damaged_on_its_way_to_the_uno_is_counted_there_and_reported_her
     )
 
 
-def test_of_more_damaged_frames_than_a_byte_counts_none_is_forgotten(robot):
+def test_damaged_frames_are_counted_beyond_one_byte(robot):
     write_line = robot.write
     robot.write = lambda data: write_line(data[:5] + bytes([data[5] ^ 1]) + data[6:])
     uno_checks.commanded(robot.uno, 4.0, robot.wait)
@@ -142,7 +142,7 @@ def test_of_more_damaged_frames_than_a_byte_counts_none_is_forgotten(robot):
     assert robot.uno.statistics.spoilt == robot.board.info().bad_crc > 400
 
 
-def test_commands_that_come_whole_and_are_not_obeyed_are_reported_with_what_to_look_for(robot):
+def test_intact_commands_that_are_not_executed_give_a_warning(robot):
     whole, robot.write = robot.write, lambda data: (whole(data), whole(data))
     check = looked_at(robot, 0.5)["frames to the Uno"]
     assert counts_of(check)[1:] == [0, 49, 0, 0], "each came twice; the last is in no telemetry yet"
@@ -160,9 +160,7 @@ def test_commands_that_come_whole_and_are_not_obeyed_are_reported_with_what_to_l
     ],
     ids=["power", "brown-out", "hang", "boot-loader"],
 )  # fmt: skip
-def test_why_the_uno_started_last_is_reported_and_what_is_wrong_about_it(
-    robot, accident, verdict, figure, remedy
-):
+def test_the_cause_of_the_last_uno_start_is_reported_with_a_remedy(robot, accident, verdict, figure, remedy):
     accident(robot.board)
     robot.wait(1.0)
     check = looked_at(robot, 0.1)["Uno's start"]
@@ -170,13 +168,13 @@ def test_why_the_uno_started_last_is_reported_and_what_is_wrong_about_it(
     assert remedy in check.remedy
 
 
-def test_an_uno_that_was_reset_meanwhile_has_no_name(robot):
+def test_an_uno_without_identity_is_a_bad_check(robot):
     robot.uno.info = None
     (check,) = uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait)
     assert check.verdict == "bad"
 
 
-def test_the_imus_figures_are_those_of_the_chip(on_bus):
+def test_the_reported_imu_figures_are_those_of_the_chip(on_bus):
     checks = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait))
     assert "MPU-6050" in checks["IMU"].figure
     assert checks["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
@@ -193,7 +191,7 @@ def test_the_imus_figures_are_those_of_the_chip(on_bus):
     assert "gyro z" in weak.figure
 
 
-def test_the_imus_rate_is_reported_as_well_as_it_is_known(tmp_path, monkeypatch):
+def test_the_imu_rate_is_reported_within_its_stated_error(tmp_path, monkeypatch):
     on_bus = OnBus(tmp_path, monkeypatch, clock_ppm=8_000)
     check = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 4.0))["IMU rate"]
     assert check.verdict == "ok"
@@ -207,7 +205,7 @@ def test_the_imus_rate_is_reported_as_well_as_it_is_known(tmp_path, monkeypatch)
     assert (count_failed, count_lost) == (0, 0)
 
 
-def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
+def test_lost_imu_samples_are_detected_by_the_sample_clock(on_bus):
     due = [on_bus.now_ns + 2_000_000_000]
 
     def wait(seconds):
@@ -223,7 +221,7 @@ def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
     assert int(re.findall(r"\d+", check.figure)[-1]) >= 1
 
 
-def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_reported(on_bus):
+def test_a_moving_or_silent_imu_and_a_wrong_scale_are_reported(on_bus):
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 6.0 + t_ns % 7), (0.0, 0.0, 0.0))
     checks = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))
     assert checks["IMU noise"].verdict == "warn"
@@ -235,7 +233,7 @@ def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_reported(on_bus):
     assert by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.1))["IMU rate"].figure == "no sample in 0.1 s"
 
 
-def test_a_pi_without_an_imu_is_bad_and_a_laptop_has_none(tmp_path):
+def test_a_missing_imu_is_bad_only_on_a_pi(tmp_path):
     hardware = vehicle_file.load("small").robot
     (laptop,) = doctor.imu(hardware, tmp_path)
     assert laptop[:3] == (

@@ -1,4 +1,4 @@
-"""People at the door of a service that drives the real firmware: what they say while it can tell them nothing."""
+"""Messages of guests at the door while the service prepares or drives the real firmware."""
 
 import json
 import socket
@@ -37,9 +37,7 @@ def answer_to(door, do):
             return next(message for message in map(json.loads, of) if message["is"] != "state")
 
 
-def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_moving(
-    service, robot, door, tmp_path, monkeypatch
-):
+def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, door, tmp_path, monkeypatch):
     messages = []
 
     def somebody_stops_it():
@@ -71,7 +69,7 @@ def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_movin
 
 
 @pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])
-def test_what_is_not_a_mission_is_reported_and_ends_nothing(service, text):
+def test_an_invalid_mission_is_refused_and_the_service_continues(service, text):
     waits = []
     service.patience = waits.append
     done, run = drive(service, text)
@@ -82,7 +80,7 @@ def test_what_is_not_a_mission_is_reported_and_ends_nothing(service, text):
     assert drive(service, spin().json())[0]["why"] is None
 
 
-def test_a_run_is_reported_of_once_it_is_whole(service, robot, door):
+def test_a_run_is_listed_only_after_it_is_complete(service, robot, door):
     folders = []
     during(service, robot, 0.3, lambda: folders.append(answer_to(door, "runs")["runs"]))
     done, _ = drive(service, spin())

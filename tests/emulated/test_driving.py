@@ -1,4 +1,4 @@
-"""A person who drives the real firmware by the service, all in one time: how soon it stops when the terminal goes."""
+"""A person drives the real firmware through the service, all in one time: the stop after the terminal disappears."""
 
 import numpy as np
 import pytest
@@ -86,7 +86,7 @@ def driver(firmware, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(("latched", "phase_ms"), [(False, 0), (False, 47), (False, 98), (True, 23)])
-def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, latched, phase_ms):
+def test_rt13_motors_are_off_half_a_second_after_the_terminal_disappears(driver, latched, phase_ms):
     terminal = Terminal(kitty=not latched, trip_s=0.03)
     at = driver(terminal, latched=latched)
     gone_ns = []
@@ -107,7 +107,7 @@ def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, la
 
 
 @pytest.mark.parametrize("phase_ms", [0, 9, 17])
-def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
+def test_motors_are_off_at_once_after_the_terminal_closes(driver, phase_ms):
     terminal = Terminal(kitty=True)
     at = driver(terminal)
     gone_ns = []
@@ -126,7 +126,7 @@ def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
     assert not at.robot.board.moving
 
 
-def test_at_a_terminal_that_never_answers_a_single_key_drives_for_its_time(driver):
+def test_a_key_at_a_silent_terminal_drives_for_a_limited_time(driver):
     terminal = Terminal(answers=False)
     at = driver(terminal)
     done, run = at.drives((0.3, lambda: terminal.type("w")), (3.0, lambda: terminal.type("q")))
@@ -137,7 +137,7 @@ def test_at_a_terminal_that_never_answers_a_single_key_drives_for_its_time(drive
     assert np.max(run.applied[:, 0]) == pytest.approx(0.15, abs=0.002)
 
 
-def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(driver):
+def test_releasing_a_key_stops_the_motors_and_marks_are_logged(driver):
     terminal = Terminal(kitty=True)
     at = driver(terminal)
     done, run = at.drives(
@@ -164,7 +164,7 @@ def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
     assert not at.robot.board.moving
 
 
-def test_straight_on_is_held_and_a_turn_is_the_drivers_alone(driver):
+def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
     terminal = Terminal(kitty=True)
     at = driver(terminal, hold=True, share=0.8)
     done, run = at.drives(

@@ -51,7 +51,7 @@ def screens(service, vehicle, live, tmp_path):  # noqa: F811
         screen.close()
 
 
-def test_a_key_drives_the_firmware_and_a_mark_is_in_the_run_that_comes_back(screens, service, live, tmp_path):  # noqa: F811
+def test_a_key_drives_the_firmware_and_the_run_contains_a_mark(screens, service, live, tmp_path):  # noqa: F811
     code, end = -1, time.monotonic() + 3.0 * PATIENCE_S
     while code:
         lost_s, screen = live.lost_s, screens()
@@ -70,7 +70,7 @@ def test_a_key_drives_the_firmware_and_a_mark_is_in_the_run_that_comes_back(scre
     assert len(marks_of(read_run(back))) == 1
 
 
-def test_a_terminal_that_stops_answering_leaves_a_stopped_vehicle(screens, live):  # noqa: F811
+def test_an_unresponsive_terminal_leaves_a_stopped_vehicle(screens, live):  # noqa: F811
     screen = screens()
     screen.there = False
     print(f"off {1e3 * stops(live, 10.0):.0f} ms after the terminal")
@@ -78,7 +78,7 @@ def test_a_terminal_that_stops_answering_leaves_a_stopped_vehicle(screens, live)
     screen.until(rb"baqueano robot clear", PATIENCE_S)
 
 
-def test_a_terminal_that_hangs_up_leaves_a_stopped_vehicle(screens, live):  # noqa: F811
+def test_a_closed_terminal_leaves_a_stopped_vehicle(screens, live):  # noqa: F811
     screen = screens()
     screen.hang_up()
     print(f"off {1e3 * stops(live, 10.0):.0f} ms after the hang-up")

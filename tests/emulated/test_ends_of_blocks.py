@@ -48,9 +48,7 @@ def repetition(folder, place, text, file):
         ("raise KeyboardInterrupt", "KeyboardInterrupt"), ("raise Odd", "Odd"),
     ],
 )  # fmt: skip
-def test_a_block_that_would_end_the_program_ends_its_mission_alone(
-    service, robot, tmp_path, place, end, message
-):
+def test_a_block_that_ends_the_program_ends_only_its_mission(service, robot, tmp_path, place, end, message):
     done, run = drive(service, repetition(tmp_path, place, end, vehicle_file.load("small")))
     words = text(done["why"])
     assert message in words
@@ -69,7 +67,7 @@ def test_a_block_that_would_end_the_program_ends_its_mission_alone(
     assert drive(service, spin(0.2))[0]["why"] is None
 
 
-def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
+def test_an_unguarded_block_failure_names_its_file_and_line(service, tmp_path):
     (tmp_path / "mine.py").write_text(
         "import sys\nclass Mine:\n    @property\n    def laps(self):\n        sys.exit(2)\n\n    def init(self):\n"
         "        return 0\n\n    def step(self, state, estimate):\n        return state\n"
@@ -83,7 +81,7 @@ def test_what_no_guard_holds_names_its_file_and_line(service, tmp_path):
 
 
 @pytest.mark.parametrize("place", ["top", "line"])
-def test_a_block_that_does_not_come_back_ends_its_mission_alone(service, robot, tmp_path, monkeypatch, place):
+def test_a_hanging_block_ends_only_its_mission(service, robot, tmp_path, monkeypatch, place):
     monkeypatch.setattr(module, "PREPARE_S", 3.0)
     endless = "while True: pass"
     done, _ = drive(service, repetition(tmp_path, place, endless, vehicle_file.load("small")))

@@ -24,7 +24,7 @@ def fitted_file(firmware):
 
 
 @pytest.mark.parametrize("route", [sinuous_circle(0.5, 0.05, 5, 0.2), rectangle(1.0, 0.6, 0.2, 0.3)])
-def test_the_emulated_robot_keeps_its_speed_without_a_stutter(firmware, fitted_file, route):
+def test_the_emulated_robot_drives_at_an_even_speed(firmware, fitted_file, route):
     world, ticking = world_of(firmware, vehicle_file.load("small"), seed=5)
     run = repeat(fitted_file, route, world=world, ticking=ticking)
     world.robot.close()

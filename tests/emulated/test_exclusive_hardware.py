@@ -1,4 +1,4 @@
-"""The hardware as a calibration opens it: the Uno over the real serial driver, the IMU with the axes asked for."""
+"""The hardware as a calibration opens it: the Uno over the real serial driver, the IMU with the requested axes."""
 
 import signal
 import subprocess
@@ -24,9 +24,7 @@ from tests.emulated.realtime import on_pty
 
 
 @pytest.mark.parametrize(("in_chip_axes", "axes"), [(True, ("x", "y", "z")), (False, ("-y", "x", "z"))])
-def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
-    firmware, monkeypatch, in_chip_axes, axes
-):
+def test_uno_and_imu_are_opened_from_the_vehicle_file_and_closed(firmware, monkeypatch, in_chip_axes, axes):
     calls = []
 
     class Chip:
@@ -47,7 +45,7 @@ def test_uno_and_imu_are_opened_as_the_vehicle_file_says_and_given_back(
     assert calls == [(1, 104, axes, 4), "closed"]
 
 
-def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeypatch):
+def test_service_calibration_and_doctor_open_the_same_imu(tmp_path, monkeypatch):
     """With the range and the filter that are driven, though they be others than the driver begins with."""
     hardware = replace(
         vehicle_file.load("small").robot, imu_bus=7.0, imu_address=105.0, imu_axes=("-y", "x", "z"),
@@ -72,7 +70,7 @@ def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeyp
     assert calls == [(7, 105, settings)] * 3
 
 
-def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_path, monkeypatch):
+def test_calibrated_axes_rotate_the_samples_into_the_vehicle_frame(tmp_path, monkeypatch):
     """What `calibrate imu` writes is what the driver takes."""
     bus = OnBus(tmp_path, monkeypatch)
     bus.chip.motion = lambda t_ns: ((0.0, -1.0, 9.8), (0.0, 0.0, 0.3))
@@ -118,7 +116,7 @@ class Calibrating:
 
 
 @pytest.mark.parametrize("end_by", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
-def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_what_it_kept(firmware, end_by):
+def test_an_abandoned_motor_calibration_stops_and_restores_the_settings(firmware, end_by):
     settings = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
     with on_pty(firmware) as live:
         with connected(live.path) as uno:

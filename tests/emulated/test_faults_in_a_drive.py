@@ -1,4 +1,4 @@
-"""Every accident, while a mission is driven: it ends in a safe stop or goes on, and its run tells which.
+"""Every fault during a mission: the drive stops safely or continues, and its run contains the result.
 
 On the real firmware and the real drivers in lock-step; figures are in the time of the vehicle.
 """
@@ -46,18 +46,18 @@ def vehicle(firmware, monkeypatch, tmp_path):
 
 
 def last(run, source):
-    """What the run says at its end."""
+    """Return the only event of this source in the run."""
     (event,) = [e for e in run.events if e.source == source]
     return event
 
 
 def counts_of(run):
-    """Numbers of the line: sent, unsent, heard, lost, late, damaged, resets."""
+    """Counts of the line: sent, unsent, received, lost, late, damaged, resets."""
     return [n for n in last(run, LINE_SOURCE).diagnostic.figures.values() if isinstance(n, int)]
 
 
 def across(run):
-    """RMS distance [m] between where it believed to be and where it should have been."""
+    """RMS distance [m] between the estimated position and the reference."""
     gap = run.estimate.eta[:, :2] - run.reference.eta[:, :2]
     return np.sqrt(np.mean(np.sum(gap**2, axis=1)))
 
@@ -68,7 +68,7 @@ def end(robot, run):
 
 
 def clear_stop(service, robot):
-    """Somebody has looked at it and says so."""
+    """An operator has inspected the vehicle and clears the stop."""
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "it is latched"
@@ -78,7 +78,7 @@ def clear_stop(service, robot):
 
 
 @pytest.mark.parametrize("reset", [True, False], ids=["as USB does", "as other lines do"])
-def test_a_pulled_cable_stops_it_and_when_it_is_back_it_drives_again(vehicle, reset):
+def test_a_disconnected_cable_stops_the_drive_and_driving_resumes_afterwards(vehicle, reset):
     robot, service = vehicle()
     line, cut = BadLine(robot), []
 
@@ -109,7 +109,7 @@ def test_a_pulled_cable_stops_it_and_when_it_is_back_it_drives_again(vehicle, re
 @pytest.mark.parametrize(
     ("noise", "twice", "pins_swapped"), [(0.05, 0.0, 0.0), (0.0, 0.1, 0.1)], ids=["noise", "order"]
 )
-def test_it_repeats_a_circle_over_a_line_that_harms_what_passes(vehicle, noise, twice, pins_swapped):
+def test_a_circle_is_repeated_over_a_faulty_serial_line(vehicle, noise, twice, pins_swapped):
     robot, service = vehicle()
     line = BadLine(robot, seed=3)
 
@@ -138,8 +138,8 @@ def test_it_repeats_a_circle_over_a_line_that_harms_what_passes(vehicle, noise, 
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])
-def test_a_run_ends_with_what_the_uno_itself_counted_of_what_was_sent_to_it(vehicle, noise):
-    """Of damage towards the Uno this end of the line hears nothing."""
+def test_a_run_ends_with_the_frame_counts_of_the_uno(vehicle, noise):
+    """The host cannot detect frames that are damaged on the way to the Uno."""
     robot, service = vehicle()
     line, before = BadLine(robot, seed=2), robot.board.info()
     line.noise = noise
@@ -159,11 +159,11 @@ def test_a_run_ends_with_what_the_uno_itself_counted_of_what_was_sent_to_it(vehi
     assert (count_ignored, count_lost) == (0, 0)
     assert event.level == ("warning" if noise else "info")
     assert event.diagnostic in [m["said"] for m in service.messages if m["is"] == "event"], (
-        "whoever listens hears it"
+        "every client receives it"
     )
 
 
-def test_a_mission_whose_arming_is_lost_drives_as_one_whose_arming_came(vehicle):
+def test_a_mission_with_a_lost_arming_frame_drives_normally(vehicle):
     robot, service = vehicle()
     arm, write = service.uno.arm, robot.write
 
@@ -177,10 +177,10 @@ def test_a_mission_whose_arming_is_lost_drives_as_one_whose_arming_came(vehicle)
     assert done["why"] is None
     assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
     count_ignored = last(run, UNO_SOURCE).diagnostic.figures["ignored"]
-    assert 1 <= count_ignored <= 4, "the run tells of the commands that came before it was armed"
+    assert 1 <= count_ignored <= 4, "the run counts the commands that arrived before arming"
 
 
-def test_a_mission_that_an_uno_never_hears_is_not_a_success(vehicle):
+def test_a_mission_that_the_uno_never_receives_fails(vehicle):
     robot, service = vehicle()
     arm = service.uno.arm
 
@@ -197,7 +197,7 @@ def test_a_mission_that_an_uno_never_hears_is_not_a_success(vehicle):
 
 
 @pytest.mark.parametrize("line_harmed", [False, True])
-def test_a_run_ends_with_what_the_imu_itself_counted(vehicle, line_harmed):
+def test_a_run_ends_with_the_fault_counts_of_the_imu(vehicle, line_harmed):
     """An axis that is at its end for less than a tenth of a second is no event of its own."""
     robot, service = vehicle()
 
@@ -227,7 +227,7 @@ ACCIDENTS = {  # what happens, motors off within [s], what the run says
 
 
 @pytest.mark.parametrize("accident", ACCIDENTS)
-def test_fw7_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle, accident):
+def test_fw7_a_restarted_uno_stops_the_drive_and_can_be_cleared(vehicle, accident):
     act, within_s, beginning = ACCIDENTS[accident]
     robot, service = vehicle()
     at_s = []
@@ -243,7 +243,7 @@ def test_fw7_an_uno_that_begins_anew_stops_the_drive_and_can_be_cleared(vehicle,
     assert clear_stop(service, robot)
 
 
-def test_a_battery_that_sags_while_motors_start_is_gone_through(vehicle):
+def test_a_short_battery_sag_at_motor_start_does_not_stop_the_drive(vehicle):
     robot, service = vehicle("robot.least_battery_v=6.6")
     service.healthy = lambda: robot.board.set_battery(
         7.4 - abs(robot.board.duty(0)) - abs(robot.board.duty(1))
@@ -269,12 +269,12 @@ def test_fw8_a_battery_that_stays_low_stops_the_drive_after_two_seconds(vehicle)
 
 
 def hold(robot):
-    """SDA is low from now on: each transfer takes the time that the driver told the kernel."""
+    """SDA is low from now on: each transfer lasts until the timeout that the driver set in the kernel."""
     robot.bus.sda_low = True
     robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
 
 
-def test_a_held_bus_stops_the_drive_and_when_it_is_free_it_can_be_cleared(vehicle):
+def test_a_blocked_bus_stops_the_drive_and_can_be_cleared_afterwards(vehicle):
     robot, service = vehicle()
     at_s = []
     during(service, robot, 0.5, lambda: (at_s.append(robot.board.t_s), hold(robot)))
@@ -288,7 +288,7 @@ def test_a_held_bus_stops_the_drive_and_when_it_is_free_it_can_be_cleared(vehicl
 
 
 @pytest.mark.parametrize("accident", ["its supply", "single transfers"])
-def test_rt6_an_imu_that_is_gone_for_less_than_half_a_second_is_gone_through(vehicle, accident):
+def test_rt6_an_imu_gap_below_half_a_second_does_not_stop_the_drive(vehicle, accident):
     robot, service = vehicle()
 
     def brief():
@@ -306,7 +306,7 @@ def test_rt6_an_imu_that_is_gone_for_less_than_half_a_second_is_gone_through(veh
     assert any("lost its supply" in text for text in texts) == (accident == "its supply")
 
 
-def test_a_clone_imu_with_a_slow_clock_is_taught_and_repeats(vehicle):
+def test_a_clone_imu_with_a_slow_clock_teaches_and_repeats_a_route(vehicle):
     file = vehicle_file.load("small")
     robot, service = vehicle(chip={"who_am_i": 0x98, "clock_ppm": -40_000})
     done, lesson = drive(service, packed(Mission("teach", route=CIRCLE), file))
@@ -320,7 +320,7 @@ def test_a_clone_imu_with_a_slow_clock_is_taught_and_repeats(vehicle):
 
 
 @pytest.mark.parametrize("with_stop", [False, True], ids=["goes on", "is stopped"])
-def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehicle, with_stop):
+def test_rt16_a_full_disk_ends_the_log_and_not_the_drive(vehicle, with_stop):
     """The disk is one of RLIMIT_FSIZE: the system itself refuses to write more."""
     import resource
 

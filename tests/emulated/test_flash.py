@@ -54,8 +54,8 @@ def test_r28_avrdude_writes_and_verifies_the_firmware_and_it_starts(firmware, op
         assert not state.flags & StateFlag.ARMED
 
 
-def test_r6_a_hang_is_reported_through_the_boot_loader_which_hides_its_cause(new_uno, optiboot):
-    """Optiboot of the Uno clears MCUSR; what tells is the count of ticks in RAM that it leaves alone."""
+def test_r6_a_hang_is_reported_although_the_boot_loader_clears_the_cause(new_uno, optiboot):
+    """Optiboot of the Uno clears MCUSR; the count of ticks in RAM, which it preserves, shows the hang."""
     uno = new_uno(boot_loader=optiboot)
     first = uno.next_frame(Info, 3.0)
     assert not first.reset_cause & (ResetCause.HUNG | ResetCause.WATCHDOG)

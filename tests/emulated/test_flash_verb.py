@@ -14,7 +14,7 @@ from tests.emulated.uno import hex_chunks
 COMPILER = "5.4.0"
 
 
-def test_su3_the_packages_firmware_is_what_the_sources_build_to(firmware):
+def test_su3_the_packaged_firmware_equals_the_build_of_its_sources(firmware):
     version = subprocess.run(
         ["avr-gcc", "-dumpversion"], capture_output=True, text=True, check=True
     ).stdout.strip()
@@ -25,7 +25,7 @@ def test_su3_the_packages_firmware_is_what_the_sources_build_to(firmware):
     assert shipped().read_bytes() == firmware.hex.read_bytes(), "type: make firmware"
 
 
-def test_r28_the_verb_writes_it_and_tells_the_version(firmware, optiboot):
+def test_r28_the_flash_command_writes_the_firmware_and_prints_its_version(firmware, optiboot):
     texts = []
     with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
@@ -39,13 +39,13 @@ def test_r28_the_verb_writes_it_and_tells_the_version(firmware, optiboot):
     assert f"writing {len(program_written)} bytes" in texts[0]
 
 
-def test_the_bytes_of_a_hex_file_are_those_that_the_emulator_loads(firmware):
+def test_a_hex_file_is_decoded_like_in_the_emulator(firmware):
     memory = bytearray(program(firmware.hex))
     for at, data in hex_chunks(firmware.hex):
         assert memory[at : at + len(data)] == data
 
 
-def test_a_line_on_which_no_boot_loader_answers_is_reported(firmware, optiboot):
+def test_a_line_without_a_boot_loader_is_reported(firmware, optiboot):
     with (
         on_pty(firmware) as live,
         pytest.raises(RobotUnreachable, match=r"avrdude could not write it: .*own boot-loader"),
@@ -53,7 +53,7 @@ def test_a_line_on_which_no_boot_loader_answers_is_reported(firmware, optiboot):
         flash(live.path)
 
 
-def test_an_avrdude_that_never_ends_is_given_up(monkeypatch, tmp_path):
+def test_a_hanging_avrdude_is_ended(monkeypatch, tmp_path):
     slow = tmp_path / "avrdude"
     slow.write_text("#!/bin/sh\nexec sleep 60\n")
     slow.chmod(0o755)
@@ -63,7 +63,7 @@ def test_an_avrdude_that_never_ends_is_given_up(monkeypatch, tmp_path):
         flash("/dev/null")
 
 
-def test_without_avrdude_it_says_what_to_install(monkeypatch, tmp_path):
+def test_a_missing_avrdude_is_reported_with_the_install_command(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(UsageError, match="sudo apt-get install avrdude"):
         flash("/dev/null")

@@ -1,4 +1,4 @@
-"""A STOP among five who flood the door of the onboard service, until the motors of the emulated Uno are off.
+"""A STOP among five guests that flood the onboard service, until the motors of the emulated Uno are off.
 
 Quiet and flooded in turn, in the time of the Uno: a stall of the machine slows both.
 """
@@ -25,7 +25,7 @@ TICKS_MS = 20.0  # a stop waits for the next tick, and its command for the line
 
 @contextmanager
 def moving(service):
-    """Somebody at the door of a vehicle that moves; it begins again where the machine stalls before."""
+    """A guest at the door of a moving vehicle; the drive is repeated if the machine stalls before."""
     experiment = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
     mission, under_way = packed(experiment, service.file).json(), False
     for _ in range(5):
@@ -49,7 +49,7 @@ def off_ms(remote, live):
         return 1e3 * (live.uno.off_since() - said_s)
 
 
-def test_rt15_a_stop_under_the_flood_of_five_turns_the_motors_off_within_50_ms(firmware, tmp_path):
+def test_rt15_a_stop_turns_motors_off_within_50_ms_under_flooding(firmware, tmp_path):
     quiet, loud = [], []
     with (
         before_others(),

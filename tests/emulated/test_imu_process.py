@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 PACKAGES = "umockdev gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools"
-PATIENCE_S = 60.0  # until a process that says nothing counts as hung
+PATIENCE_S = 60.0  # until a silent process counts as hung
 SYSTEM_PYTHON = "/usr/bin/python3"
 SERVER = Path(__file__).parent / "i2c_umockdev.py"
 ASK = "import gi; gi.require_version('UMockdev', '1.0'); from gi.repository import UMockdev"
@@ -92,7 +92,7 @@ class Machine:
         )
 
     def start(self) -> "Client":
-        """A process that reads the IMU until it is told to stop."""
+        """A process that reads the IMU until it receives the stop order."""
         self._clients.append(Client(self.environment))
         return self._clients[-1]
 
@@ -164,7 +164,7 @@ def machine():
         device.close()
 
 
-def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_file(machine):
+def test_a_process_reads_every_sample_of_a_slow_clone(machine):
     m = machine(who_am_i=0x98, clock_ppm=-40000)
     client = m.start()
     assert client.wait_for("open")["chip"] == "ICM-20689"
@@ -184,7 +184,7 @@ def test_a_process_reads_every_sample_of_a_slow_clone_through_the_real_device_fi
     assert np.mean(result["accel"], axis=0) == pytest.approx([0.0, 0.0, 9.80665], abs=0.05)
 
 
-def test_a_process_survives_a_brown_out_and_tells_it(machine):
+def test_a_process_survives_and_reports_a_brown_out(machine):
     m = machine()
     client = m.start()
     client.wait_for("samples", 100)
@@ -197,7 +197,7 @@ def test_a_process_survives_a_brown_out_and_tells_it(machine):
     assert m.order("reg", 0x1C) == 0x08
 
 
-def test_a_process_on_a_held_bus_waits_as_long_as_it_told_the_kernel_and_comes_back(machine):
+def test_a_process_recovers_from_a_blocked_bus_within_its_timeout(machine):
     m = machine()
     client = m.start()
     client.wait_for("samples", 100)
@@ -211,7 +211,7 @@ def test_a_process_on_a_held_bus_waits_as_long_as_it_told_the_kernel_and_comes_b
     client.stop()
 
 
-def test_a_process_goes_on_through_single_errors(machine):
+def test_a_process_continues_after_single_bus_errors(machine):
     m = machine()
     client = m.start()
     client.wait_for("samples", 100)
@@ -221,7 +221,7 @@ def test_a_process_goes_on_through_single_errors(machine):
     assert client.stop()["restarts"] == 0
 
 
-def test_i2c_tools_see_the_chip(machine):
+def test_i2c_tools_can_access_the_emulated_chip(machine):
     m = machine(who_am_i=0x70)
     assert m.run("i2cget", "-y", "1", "0x68", "0x75").stdout.strip() == "0x70"
     assert m.run("i2cset", "-y", "1", "0x68", "0x6b", "0x01").returncode == 0

@@ -41,7 +41,7 @@ def service(robot, open_imu, tmp_path):
     return service
 
 
-def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by_hand(service, robot):
+def test_rt19_a_vehicle_without_its_imu_refuses_to_drive(service, robot):
     chip = robot.bus.devices.pop(0x68)
     look_around(service, robot, 300)
     assert service.machine.state is DoorState.DISARMED
@@ -56,7 +56,7 @@ def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_n
     robot.bus.devices[0x68] = chip
 
 
-def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, robot):
+def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
     chip = robot.bus.devices.pop(0x68)
     look_around(service, robot, 20)
     assert service.machine.state is DoorState.DISARMED
@@ -70,7 +70,7 @@ def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, 
     assert len(run.sensors["imu"].t_ns) > 90
 
 
-def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service, robot):
+def test_systemd_waits_for_a_chip_without_samples(service, robot):
     waits, robot.chip.frozen = [], True
     service.patience = waits.append
     before_ns = robot.now_ns
@@ -80,7 +80,7 @@ def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service,
     assert service.machine.reason.code == StopReason.IMU_ABSENT
 
 
-def test_a_vehicle_whose_file_has_no_imu_is_ready_without(service, robot):
+def test_a_vehicle_file_without_an_imu_makes_a_ready_vehicle(service, robot):
     service.find_imu = None
     look_around(service, robot, 3)
     assert service.machine.state is DoorState.READY

@@ -1,4 +1,4 @@
-"""What the link and the world of the loop make of the real firmware, in lock-step with it."""
+"""The link and the world of the loop with the real firmware, in lock-step."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ def hold(robot, left, right, seconds, step_s=0.01):
 
 
 @pytest.mark.parametrize("first_lost", [100, 127, 200, 255])
-def test_commands_are_lost_on_the_line_and_the_next_one_moves_the_motors(robot, first_lost):
-    """The firmware takes a number for old that is 128 to 255 ahead; telemetry tells where to go on."""
+def test_the_next_command_after_lost_commands_moves_the_motors(robot, first_lost):
+    """The firmware treats a number that is 128 to 255 ahead as old; telemetry gives the number to continue from."""
     robot.uno.arm()
     hold(robot, 0.4, 0.4, 0.2)
     robot.write = lambda data: None
@@ -34,7 +34,7 @@ def test_commands_are_lost_on_the_line_and_the_next_one_moves_the_motors(robot, 
     assert robot.board.info().old_sequence == 0
 
 
-def test_the_frame_that_arms_is_lost_and_the_motors_move_all_the_same(robot):
+def test_the_motors_move_despite_a_lost_arming_frame(robot):
     robot.write = lambda data: None
     robot.uno.arm()
     del robot.write
@@ -42,12 +42,12 @@ def test_the_frame_that_arms_is_lost_and_the_motors_move_all_the_same(robot):
     assert (robot.board.duty(0), robot.board.duty(1)) == pytest.approx((0.4, 0.4), abs=2e-3)
     assert robot.uno.trouble is None
     not_armed = robot.board.info().not_armed
-    assert 1 <= not_armed <= 4, "30 ms of commands, until telemetry told"
+    assert 1 <= not_armed <= 4, "30 ms of commands, until telemetry reported it"
     hold(robot, 0.4, 0.4, 0.2)
     assert robot.board.info().not_armed == not_armed
 
 
-def test_an_uno_that_hears_nothing_from_arming_on_is_a_trouble(robot):
+def test_an_uno_that_receives_no_arming_frame_is_a_fault(robot):
     robot.write = lambda data: None
     robot.uno.arm()
     hold(robot, 0.4, 0.4, 0.2)
@@ -73,7 +73,7 @@ def hardware(run):
     return [e.text for e in run.events if e.source == "hardware"]
 
 
-def test_an_encoder_that_falls_silent_is_reported_in_the_run_once_for_each_time(robot):
+def test_each_silence_of_an_encoder_is_logged_once(robot):
     file = vehicle_file.load("small")
     robot.uno.keep(Settings(encoders=Encoders.QUADRATURE), robot.wait)
     ahead, pause = np.tile([0.8, 0.0, 0.0], (110, 1)), np.zeros((30, 3))
@@ -89,7 +89,7 @@ def test_an_encoder_that_falls_silent_is_reported_in_the_run_once_for_each_time(
     assert events[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
 
 
-def test_a_reset_is_not_a_speed_of_a_wheel_and_no_line_on_the_floor(robot):
+def test_a_reset_gives_no_wheel_speed_and_no_mark(robot):
     text = vehicle_file.load("small").text + (
         '\n[sensors.wheels]\nkind = "wheels"\n\n[sensors.mark]\nkind = "mark"\n\n[robot]\ncounts_per_turn = 600\n'
     )
@@ -123,7 +123,7 @@ def test_a_reset_is_not_a_speed_of_a_wheel_and_no_line_on_the_floor(robot):
     assert len(run.sensors["mark"].z) == 1, "the strip, and not the counter that began anew"
 
 
-def test_encoders_of_which_nothing_is_wired_are_reported_in_one_sentence(robot):
+def test_two_unwired_encoders_are_reported_in_one_sentence(robot):
     file = vehicle_file.load("small")
     robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
     run = drive_robot(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
@@ -134,8 +134,8 @@ def test_encoders_of_which_nothing_is_wired_are_reported_in_one_sentence(robot):
 
 
 @pytest.mark.parametrize("path", [None, "run.mcap"])
-def test_a_line_on_the_floor_has_the_time_at_which_the_firmware_saw_its_edge(robot, tmp_path, path):
-    """Telemetry of 50 Hz tells it up to 20 ms late: 8 mm at 0.4 m/s. The Uno's clock is known to 1 or 2 ms."""
+def test_a_mark_has_the_time_of_its_edge_at_the_firmware(robot, tmp_path, path):
+    """Telemetry of 50 Hz reports it up to 20 ms late: 8 mm at 0.4 m/s. The error of the Uno's clock is 1 or 2 ms."""
     text = vehicle_file.load("small").text + '\n[sensors.mark]\nkind = "mark"\n'
     file = vehicle_file.override(vehicle_file.parse(text, "with a mark"), ["robot.telemetry_hz=50"])
     edges = 0.3 + 0.1137 * np.arange(12)

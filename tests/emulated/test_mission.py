@@ -26,7 +26,7 @@ def world(firmware):
         world.robot.close()
 
 
-def test_an_unfitted_vehicle_is_known_after_forty_seconds_and_repeats_what_it_was_taught(world):
+def test_a_vehicle_fitted_from_forty_seconds_repeats_a_taught_route(world):
     truth = vehicle_file.load("small")
     wrong = {
         "model.friction.linear": [5.0, 40.0, 0.02],
@@ -44,7 +44,7 @@ def test_an_unfitted_vehicle_is_known_after_forty_seconds_and_repeats_what_it_wa
     assert errors["across_true_rms_m"] < 0.08
 
 
-def test_the_same_mission_twice_is_the_same_to_the_bit(world):
+def test_the_same_mission_twice_gives_identical_bits(world):
     file = vehicle_file.load("small")
     u = excitation("random_steps", file.command.limit, 5.0, file.rate_hz, 0)
     first, second = (experiment(file, u, **world(7)) for _ in range(2))

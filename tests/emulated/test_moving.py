@@ -24,7 +24,7 @@ def duties(uno, after_s=0.0):
     ]
 
 
-def test_r3_a_command_reaches_the_pins_within_5_ms(uno):
+def test_r3_a_command_changes_the_pins_within_5_ms(uno):
     """Worst case over the phase of the tick and of telemetry, measured from the first byte at the host."""
     chance = random.Random(1)
     uno.arm()
@@ -42,7 +42,7 @@ def test_r3_a_command_reaches_the_pins_within_5_ms(uno):
 
 
 @pytest.mark.parametrize("slew", [1, 7, 40, 250])
-def test_r7_fw4_the_request_follows_at_the_configured_slew(uno, slew):
+def test_r7_fw4_the_duty_follows_the_command_at_the_configured_slew(uno, slew):
     uno.run_until(uno.send(Config(slew_permille_per_ms=slew)))
     uno.arm()
     sent_s = uno.drive(600, -600)
@@ -59,7 +59,7 @@ def test_r7_fw4_the_request_follows_at_the_configured_slew(uno, slew):
 
 
 @pytest.mark.parametrize("pwm_hz", [50, 5000])
-def test_r8_a_reversal_goes_through_zero_and_rests_there(uno, pwm_hz):
+def test_r8_a_reversal_pauses_at_zero(uno, pwm_hz):
     uno.run_until(uno.send(Config(pwm_hz=pwm_hz, slew_permille_per_ms=1000)))
     uno.hold(900, 900, 0.1)
     uno.forget_outputs()
@@ -92,7 +92,7 @@ def test_r9_dead_zone_and_slope_are_per_wheel_and_direction(uno, request_, duty)
         assert 1000 * uno.duty(wheel) == pytest.approx(duty[wheel], abs=1)
 
 
-def test_r9_a_duty_above_full_is_full_and_said_so(uno):
+def test_r9_a_duty_above_full_is_saturated_and_flagged(uno):
     settle(uno, ways=WAYS)
     uno.hold(0, 900, 0.1)
     assert uno.duty(1) == 1.0
@@ -102,7 +102,7 @@ def test_r9_a_duty_above_full_is_full_and_said_so(uno):
     assert not uno.state().flags & StateFlag.SATURATED
 
 
-def test_r10_a_wheel_that_starts_gets_its_kick_for_its_time(uno):
+def test_r10_a_starting_wheel_gets_a_kick_of_the_set_duration(uno):
     settle(uno, kick_ms=15, ways=(Way(0, 1000, 700), Way(0, 1000, 400), Way(0, 1000, 0), Way(0, 1000, 150)))
     uno.run_until(uno.send(Config(slew_permille_per_ms=1000)))
     for sign, kicks in ((1, (700, 200)), (-1, (-400, -200))):
@@ -121,7 +121,7 @@ def test_r10_a_wheel_that_starts_gets_its_kick_for_its_time(uno):
         uno.run(0.05)
 
 
-def test_r11_dither_is_a_square_wave_around_the_duty_and_silent_at_zero(uno):
+def test_r11_dither_is_a_square_wave_around_nonzero_duty(uno):
     settle(uno, dither_permille=60, dither_ms=4)
     uno.run_until(uno.send(Config(slew_permille_per_ms=1000)))
     uno.arm()
@@ -156,8 +156,8 @@ def sums_of(rows):
     return times, sums
 
 
-def test_r12_telemetry_tells_the_duty_at_the_pins_and_its_sum(uno):
-    """Random commands through slew, dead zone, kick and dither: what is told is what the pins did."""
+def test_r12_telemetry_contains_the_duty_at_the_pins_and_its_sum(uno):
+    """Random commands through slew, dead zone, kick and dither: telemetry reports the duty at the pins."""
     settle(uno, kick_ms=12, dither_permille=40, dither_ms=3, ways=(Way(120, 800, 600),) * 4)
     chance = random.Random(2)
     uno.arm()
@@ -189,7 +189,7 @@ def test_r12_telemetry_tells_the_duty_at_the_pins_and_its_sum(uno):
             assert mean == pytest.approx((after[column] - before[column]) / (end - start), abs=8.0)
 
 
-def test_r12_telemetry_answers_which_command_was_obeyed_and_how_old_it_is(uno):
+def test_r12_telemetry_contains_number_and_age_of_the_last_executed_command(uno):
     uno.hold(300, 300, 0.1)
     uno.drive(301, 301)
     uno.run(0.1)
@@ -198,7 +198,7 @@ def test_r12_telemetry_answers_which_command_was_obeyed_and_how_old_it_is(uno):
     assert state.drive_age_ms == pytest.approx(100, abs=15)
 
 
-def test_a_new_pwm_frequency_while_driving_starts_from_zero_and_goes_on(uno):
+def test_a_new_pwm_frequency_while_driving_restores_the_duty(uno):
     uno.hold(500, -500, 0.1)
     uno.send(Config(pwm_hz=500))
     for _ in range(5):
@@ -207,7 +207,7 @@ def test_a_new_pwm_frequency_while_driving_starts_from_zero_and_goes_on(uno):
     assert (uno.duty(0), uno.duty(1)) == pytest.approx((0.5, -0.5), abs=1e-3)
 
 
-def test_braking_is_asked_for_and_let_go(uno):
+def test_braking_lasts_from_the_command_until_the_timeout(uno):
     uno.hold(500, 500, 0.1)
     uno.drive(0, 0, DriveFlag.ARM | DriveFlag.BRAKE)
     uno.run(0.05)

@@ -1,4 +1,4 @@
-"""The emulated MPU-6050 does what the register map says, above all where drivers trip over it."""
+"""The emulated MPU-6050 follows the register map, above all in the properties that cause driver errors."""
 
 import errno
 import math
@@ -40,7 +40,7 @@ def awake(chip):
     write(chip, DIV, 4, 3)
 
 
-def test_it_sleeps_after_power_on_and_samples_nothing(chip):
+def test_the_chip_sleeps_without_samples_after_power_on(chip):
     chip.run_until(500 * MS)
     assert read_register(chip, PWR) == b"\x40"
     assert read_register(chip, 0x75) == b"\x68"
@@ -48,7 +48,7 @@ def test_it_sleeps_after_power_on_and_samples_nothing(chip):
     assert chip.taken == []
 
 
-def test_a_reset_restores_the_registers_and_loses_writes_for_100_ms(chip):
+def test_a_reset_restores_registers_and_ignores_writes_for_100_ms(chip):
     awake(chip)
     write(chip, PWR, 0x80)
     chip.run_until(99 * MS)
@@ -61,7 +61,7 @@ def test_a_reset_restores_the_registers_and_loses_writes_for_100_ms(chip):
     assert read_register(chip, DIV) == b"\x09"
 
 
-def test_the_pointer_goes_on_by_itself_except_at_the_fifo(chip):
+def test_the_register_pointer_advances_except_at_the_fifo(chip):
     write(chip, DIV, 1, 2, 8, 16)
     assert read_register(chip, DIV, 4) == bytes([1, 2, 8, 16])
     awake(chip)
@@ -96,7 +96,7 @@ def test_fifo_reset_is_ignored_while_the_fifo_is_on(chip):
     assert read_register(chip, USER) == b"\x00", "the bit clears itself"
 
 
-def test_a_full_fifo_keeps_the_newest_bytes_and_says_so(chip):
+def test_a_full_fifo_retains_the_newest_bytes_and_sets_a_flag(chip):
     awake(chip)
     write(chip, FIFO_EN, 0xF8)
     write(chip, USER, 0x40)
@@ -117,7 +117,7 @@ def test_only_the_enabled_sensors_enter_the_fifo(chip):
         assert len(chip.fifo) == size * (len(chip.taken) - count_taken)
 
 
-def test_data_ready_is_reported_once_and_raises_the_interrupt_only_where_it_is_enabled(chip):
+def test_data_ready_is_reported_once_and_interrupts_only_if_enabled(chip):
     awake(chip)
     chip.run_until(20 * MS)
     assert not chip.interrupt
@@ -138,7 +138,7 @@ def test_the_rate_is_divided_and_follows_the_chips_own_clock():
         assert len(chip.taken) == pytest.approx(2000 * (1 + ppm * 1e-6), abs=1)
 
 
-def test_numbers_follow_the_ranges():
+def test_readings_scale_with_the_ranges():
     chip = MpuEmulator(lambda t: ((1.0, 0.0, STANDARD_GRAVITY), (0.0, 0.0, 2.0)), noise=0.0)
     awake(chip)
     for setting in range(4):
@@ -153,14 +153,14 @@ def test_numbers_follow_the_ranges():
         assert words[3] / 340 + 36.53 == pytest.approx(chip.temperature_c, abs=0.01)
 
 
-def test_an_axis_beyond_its_range_stays_at_its_end():
+def test_an_axis_beyond_its_range_saturates():
     chip = MpuEmulator(lambda t: ((50.0, -50.0, 0.0), (0.0, 0.0, 0.0)), noise=0.0)
     awake(chip)
     chip.run_until(100 * MS)
     assert read_register(chip, 0x3B, 4) == b"\x7f\xff\x80\x00"
 
 
-def test_a_sine_comes_out_weaker_the_narrower_the_filter():
+def test_a_narrower_filter_attenuates_a_sine_more():
     """At 20 Hz a first-order lag of the filter's width f₀ leaves 1/√(1 + (20/f₀)²)."""
     sizes = []
     for setting in (1, 3, 4):
@@ -197,7 +197,7 @@ def test_noise_at_the_default_filter_is_that_of_the_data_sheet():
         assert sd == pytest.approx(density * math.sqrt(width * math.pi / 2), rel=0.12)
 
 
-def test_two_chips_of_one_seed_say_the_same():
+def test_two_chips_with_the_same_seed_give_the_same_bytes():
     def bytes_of(seed):
         chip = MpuEmulator(seed=seed)
         awake(chip)
@@ -211,7 +211,7 @@ def test_two_chips_of_one_seed_say_the_same():
 
 
 @pytest.mark.parametrize("who_am_i", sorted(CLONES))
-def test_a_clone_tells_its_id_and_has_its_own_fifo(who_am_i):
+def test_a_clone_has_its_own_id_and_fifo_size(who_am_i):
     chip = MpuEmulator(who_am_i=who_am_i)
     assert read_register(chip, 0x75)[0] == who_am_i
     awake(chip)
@@ -221,14 +221,14 @@ def test_a_clone_tells_its_id_and_has_its_own_fifo(who_am_i):
     assert len(chip.fifo) == (1024 if who_am_i == 0x68 else 512)
 
 
-def test_the_adapter_takes_one_read_in_a_transfer_and_that_one_last(chip):
+def test_the_adapter_accepts_only_one_final_read_in_a_transfer(chip):
     bus = EmulatedBus({0x68: chip})
     with pytest.raises(OSError, match="only one read") as error:
         bus.transfer(0x68, [(True, 1), (False, b"\x75")])
     assert error.value.errno == errno.EOPNOTSUPP
 
 
-def test_a_bus_spends_its_time_and_its_timeout(chip):
+def test_a_bus_transfer_consumes_time_up_to_its_timeout(chip):
     spent = []
     bus = EmulatedBus({0x68: chip}, spent.append)
     bus.transfer(0x68, [(False, b"\x3b"), (True, 14)])
@@ -243,7 +243,7 @@ def test_a_bus_spends_its_time_and_its_timeout(chip):
     assert spent[-1] == 40_000_000
 
 
-def test_a_file_that_is_not_an_emulated_bus_is_left_to_the_kernel(monkeypatch, tmp_path):
+def test_ioctl_on_another_file_is_passed_to_the_kernel(monkeypatch, tmp_path):
     fcntl = pytest.importorskip("fcntl", reason="this system has no ioctl")
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     from tests.emulated.i2c_ioctl import Bench

@@ -1,4 +1,4 @@
-"""What the onboard service takes as a process, its memory locked where the system lets it: no more than a Pi has."""
+"""The memory and the threads of the onboard service as a process: it uses no more than a Pi has."""
 
 import json
 import os
@@ -29,7 +29,7 @@ NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
 
 
 @pytest.mark.parametrize("backend", ["c", "python"])
-def test_the_start_waits_for_nothing_of_a_laptop_and_no_tick_for_an_import(firmware, tmp_path, backend):
+def test_the_service_imports_no_laptop_module_at_start_and_none_in_drives(firmware, tmp_path, backend):
     log = tmp_path / "watched.jsonl"
     environment = {"WATCHED": str(log), "BAQUEANO_BACKEND": backend}
     with running(firmware, tmp_path, (sys.executable, str(WATCHED)), environment) as service:
@@ -56,7 +56,7 @@ def test_the_start_waits_for_nothing_of_a_laptop_and_no_tick_for_an_import(firmw
     assert [drive["late"] for drive in drives] == [[]] * len(drives)
 
 
-def test_only_the_loop_and_the_ear_of_the_uno_have_their_priority(firmware, tmp_path):
+def test_only_the_control_loop_and_the_serial_thread_have_real_time_priority(firmware, tmp_path):
     chrt = ("chrt", "-f", "40")  # as the unit starts it: every thread begins with the loop's priority
     if shutil.which("chrt") is None or subprocess.run([*chrt, "true"], capture_output=True).returncode:
         pytest.skip("this user may have no real-time priority")
@@ -99,7 +99,7 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
     assert any(event.source == CLOCK_SOURCE for event in run.events)
 
 
-def test_an_imu_that_does_not_answer_at_the_start_is_reported_and_found_later(firmware, tmp_path):
+def test_an_imu_without_an_answer_at_start_is_detected_later(firmware, tmp_path):
     with running(firmware, tmp_path, unheard=4) as service, reached(str(service.door)) as remote:
         mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
         run = drive_whole(remote, mission, service.live, tmp_path / "here")
@@ -109,7 +109,7 @@ def test_an_imu_that_does_not_answer_at_the_start_is_reported_and_found_later(fi
     assert len(run.sensors["imu"].t_ns) > 20
 
 
-def test_the_bench_judges_memory_and_says_that_the_rest_is_an_estimate():
+def test_the_benchmark_judges_memory_and_estimates_the_start_time():
     figures = Figures(
         {"READY": 46.0, "most ever": 57.0}, 0.9, 0.4, 0.04, 0.4e-3, "100 ticks: none late", 10.0
     )

@@ -40,7 +40,7 @@ class Machine:
         return json.loads(self._server.stdout.readline())
 
     def run(self, *command):
-        """What a process says that ends by itself."""
+        """The output of a process that ends by itself."""
         return subprocess.run(
             [sys.executable, *command], env={**os.environ, **self.environment}, capture_output=True, text=True,
             timeout=60,
@@ -82,7 +82,7 @@ def drive(machine, tmp_path, monkeypatch):
         screen.close()
 
 
-def test_a_process_finds_the_pad_by_real_calls(machine):
+def test_a_process_selects_the_pad_by_real_system_calls(machine):
     assert machine("keyboard", "touchpad", "bare_pad").run("-c", ASK).stdout == "Bare pad\n"
     errors = machine("keyboard", "touchpad").run("-c", ASK).stderr
     assert 'event0 "AT keyboard" (no stick), event1 "Touchpad" (no front buttons)' in errors
@@ -120,7 +120,7 @@ def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tm
     assert np.max(read_run(tmp_path / "again.mcap").applied[:, 0]) == pytest.approx(0.5)
 
 
-def test_a_flood_of_events_that_the_kernel_drops_ends_in_the_state_that_is(drive, tmp_path):
+def test_the_pad_state_is_correct_after_dropped_kernel_events(drive, tmp_path):
     make, begin = drive
     machine = make()
     screen = begin(machine, "run.mcap")

@@ -35,7 +35,7 @@ class Wheel:
         return self.tab.js("baqueano.page.state.state")
 
     def hold(self, name):
-        """Press a button for as long as one that moves a real vehicle wants."""
+        """Press a button for the duration that a real vehicle requires."""
         button = BUTTON.format(name=name)
         x, y = self.tab.js(
             f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2])({button}.getBoundingClientRect())"
@@ -92,7 +92,7 @@ def signalled(process, number):
         signalled(child, number)
 
 
-def test_rt13_rt15_whatever_is_lost_between_browser_and_motors_they_are_off(firmware, tmp_path):
+def test_rt13_rt15_any_loss_between_browser_and_motors_stops_the_motors(firmware, tmp_path):
     with (
         running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service,
         Chromium() as chromium,
@@ -112,7 +112,7 @@ def test_rt13_rt15_whatever_is_lost_between_browser_and_motors_they_are_off(firm
             tab.up("w", "KeyW")
             wheel.drives()
             took["tab closed"] = wheel.off_after(tab.close)
-            tab = chromium.tab()  # somebody comes back
+            tab = chromium.tab()  # the user returns
             wheel = Wheel(tab, port, service.live)
             assert until(lambda: wheel.state() == "STOPPED", START_S)
             wheel.drives()

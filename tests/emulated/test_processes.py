@@ -1,4 +1,5 @@
-"""The service as a process of its own, in real time: pyserial on a pty, the firmware behind it, people at the door.
+"""The service as a process of its own, in real time: pyserial on a pty, the firmware behind the pty, guests at the
+door.
 
 The machine may be busy. What is asserted of the vehicle is judged by the Uno's own time and pins; a drive that a stall
 of the machine ended is driven again, and its cause must be that stall.
@@ -165,7 +166,7 @@ def end_of_drive(door, folder):
 
 @contextmanager
 def driving(door, vehicle, live):
-    """Somebody at the door whose mission moves the motors."""
+    """A guest at the door whose mission moves the motors."""
     end, moves = time.monotonic() + 3.0 * PATIENCE_S, False
     while not moves:
         assert time.monotonic() < end
@@ -184,7 +185,7 @@ def lives(live, seconds, meanwhile=lambda: None):
     return live.moving()
 
 
-def test_a_mission_by_the_door_brings_its_run_back(service, vehicle, live, tmp_path):
+def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_path):
     _, door = service
     with reached(str(door)) as remote:
         run = drive_whole(remote, spin(vehicle, 1.0), live, tmp_path / "here")
@@ -208,7 +209,7 @@ def test_a_mission_by_the_door_brings_its_run_back(service, vehicle, live, tmp_p
     assert not list((tmp_path / "here").glob("*.part"))
 
 
-def test_rt5_rt13_a_laptop_that_is_gone_stops_the_vehicle(service, vehicle, live, tmp_path):
+def test_rt5_rt13_a_disconnected_laptop_stops_the_vehicle(service, vehicle, live, tmp_path):
     _, door = service
     end, reason = time.monotonic() + 3.0 * PATIENCE_S, None
     while reason is None or reason.code != StopReason.HOLDER_SILENT:
@@ -222,9 +223,7 @@ def test_rt5_rt13_a_laptop_that_is_gone_stops_the_vehicle(service, vehicle, live
         )
 
 
-def test_rt5_a_service_that_is_killed_leaves_a_stopped_vehicle_and_a_whole_run(
-    service, vehicle, live, tmp_path
-):
+def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(service, vehicle, live, tmp_path):
     process, door = service
     end, moves = time.monotonic() + 3.0 * PATIENCE_S, False
     while not moves:
@@ -248,7 +247,7 @@ def test_rt5_a_service_that_is_killed_leaves_a_stopped_vehicle_and_a_whole_run(
     assert read_run(whole).duration_s > 0.7
 
 
-def test_a_service_that_is_reported_to_end_stops_and_goes(service, vehicle, live):
+def test_a_service_that_receives_sigterm_exits(service, vehicle, live):
     process, door = service
     with reached(str(door)) as remote:
         ready(remote)
@@ -275,9 +274,7 @@ def status(door):
         ("hang()", -signal.SIGABRT, 9),  # systemd's watchdog ends it so
     ],
 )
-def test_a_block_that_takes_the_service_with_it_is_named_by_the_next_one(
-    vehicle, live, tmp_path, text, code, line
-):
+def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tmp_path, text, code, line):
     mission = repetition(tmp_path, "line", text, vehicle)
     mark_file = tmp_path / "begun"
     lines = ["def hang():", "  import signal", "  signal.signal(signal.SIGALRM, signal.SIG_IGN)",

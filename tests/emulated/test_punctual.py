@@ -1,4 +1,4 @@
-"""A run tells how well the ticks of its drive were kept, however it ended: in lock-step, so late is late by design."""
+"""A run reports the punctuality of its ticks for every end of the drive: in lock-step, so that delays are exact."""
 
 import numpy as np
 
@@ -15,14 +15,14 @@ def punctuality(run):
     return event
 
 
-def test_a_drive_that_kept_its_ticks_says_so(service):
+def test_a_punctual_drive_is_reported_in_its_run(service):
     _, run = drive(service, spin())
     assert punctuality(run).level == "info"
     assert punctuality(run).text.startswith(f"{len(run.t_ns)} ticks: ")
     assert punctuality(run).text.endswith(" 0 were left out")
 
 
-def test_rt1_ticks_that_were_left_out_are_counted_and_warned_of(service, robot):
+def test_rt1_omitted_ticks_are_counted_with_a_warning(service, robot):
     during(service, robot, 0.5, lambda: robot.wait(0.05))
     done, run = drive(service, spin())
     assert done["why"] is None
@@ -33,14 +33,14 @@ def test_rt1_ticks_that_were_left_out_are_counted_and_warned_of(service, robot):
     assert any(m["is"] == "event" and m["said"] == punctuality(run).diagnostic for m in service.messages)
 
 
-def test_a_drive_that_was_stopped_tells_it_too(service, robot):
+def test_a_stopped_drive_reports_its_punctuality(service, robot):
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin(3.0))
     assert done["why"] == TEACHER
     assert punctuality(run).text.startswith(f"{len(run.t_ns)} ticks: ")
 
 
-def test_a_drive_that_somebody_ended_tells_it_too(service, robot):
+def test_a_drive_ended_by_the_driver_reports_its_punctuality(service, robot):
     me = object()
     service.operator.hold(me)
 
@@ -54,8 +54,8 @@ def test_a_drive_that_somebody_ended_tells_it_too(service, robot):
     assert "ticks: " in punctuality(run).text
 
 
-def test_a_first_drive_on_the_vehicle_is_only_driven(service):
-    """What it says is worked out where its run arrives."""
+def test_a_first_drive_on_the_vehicle_writes_a_run(service):
+    """Its result is computed on the laptop that receives the run."""
     done, run = drive(service, packed(Mission("first drive"), vehicle_file.load("small")))
     assert done["code"] == 0
     assert run.metadata["kind"] == "first drive"

@@ -11,7 +11,7 @@ from baqueano.guides import shapes
 from tests.emulated.drives import TEACHER, drive, during, spin
 
 
-def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service, robot):
+def test_a_mission_writes_a_run_with_the_applied_duty(service, robot):
     assert service.machine.state is DoorState.READY
     done, run = drive(service, spin())
     assert done["why"] is None
@@ -24,7 +24,7 @@ def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service,
     assert not robot.board.moving
 
 
-def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robot):
+def test_rt15_a_stop_by_anyone_is_latched_until_cleared(service, robot):
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin(3.0))
     assert done["why"] == TEACHER
@@ -41,7 +41,7 @@ def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robo
     assert drive(service, spin())[0]["why"] is None
 
 
-def test_rt13_a_holder_who_falls_silent_stops_it_within_half_a_second(service, robot):
+def test_rt13_a_silent_driver_stops_the_vehicle_within_half_a_second(service, robot):
     me = object()
     stops_ns = []
     service.operator.hold(me)
@@ -60,7 +60,7 @@ def test_rt13_a_holder_who_falls_silent_stops_it_within_half_a_second(service, r
     assert run.t_ns[moving[-1]] / 1e9 < 1.0
 
 
-def test_fw7_a_brown_out_of_the_uno_ends_the_drive_and_says_so(service, robot):
+def test_fw7_a_brown_out_of_the_uno_ends_the_drive(service, robot):
     during(service, robot, 0.5, lambda: robot.board.reset(4))
     done, run = drive(service, spin(3.0))
     assert done["why"].code == StopReason.UNO_RESET
@@ -76,7 +76,7 @@ def test_a_tilt_ends_the_drive(service, robot):
     assert done["why"].code == StopReason.TILT
 
 
-def test_rt6_a_silent_imu_ends_the_drive_and_keeps_the_next_one_from_beginning(service, robot):
+def test_rt6_a_silent_imu_ends_the_drive_and_is_logged(service, robot):
     during(service, robot, 0.3, lambda: setattr(robot.chip, "frozen", True))
     done, run = drive(service, spin(3.0))
     assert done["why"].code == StopReason.SENSOR_SILENT
@@ -108,7 +108,7 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
     assert done["why"].figures["error"].startswith("ZeroDivisionError")
 
 
-def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
+def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
     me = object()
     service.operator.hold(me)
     starts_ns = []

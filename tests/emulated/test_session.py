@@ -1,4 +1,4 @@
-"""Who may drive: the nonce of this boot, and only commands that are newer than the last one obeyed (R16, R17, R26)."""
+"""The right to drive: the nonce of this boot, and only commands newer than the last executed one (R16, R17, R26)."""
 
 import itertools
 import random
@@ -19,7 +19,7 @@ from baqueano.robot.uno.frames import (
 ARM = DriveFlag.ARM
 
 
-def test_r16_each_boot_draws_another_nonce(uno):
+def test_r16_each_boot_has_a_new_nonce(uno):
     nonces = [uno.info().nonce]
     for k in range(20):
         if k % 2:
@@ -32,8 +32,8 @@ def test_r16_each_boot_draws_another_nonce(uno):
     assert len(set(nonces)) == len(nonces)
 
 
-def test_r16_a_boot_that_is_cut_short_does_not_bring_an_old_nonce_back(uno):
-    """Resets at every moment of the first 20 ms: a nonce that was told is never told again."""
+def test_r16_an_interrupted_boot_does_not_repeat_an_old_nonce(uno):
+    """Resets at every moment of the first 20 ms: a nonce that was sent is never sent again."""
     chance = random.Random(5)
     nonces = [uno.info().nonce]
     for _ in range(40):
@@ -56,7 +56,7 @@ def test_r16_fw4_a_command_with_another_nonce_is_counted_and_ignored(uno):
     assert state.ignored_frames == uno.info().wrong_nonce == 51
 
 
-def test_r16_a_command_with_another_nonce_does_not_feed_the_dead_man(uno):
+def test_r16_a_command_with_another_nonce_does_not_reset_the_command_timeout(uno):
     uno.hold(300, 300, 0.1)
     last = uno.t_s
     while uno.t_s < last + 0.32:
@@ -65,7 +65,7 @@ def test_r16_a_command_with_another_nonce_does_not_feed_the_dead_man(uno):
     assert not uno.moving
 
 
-def test_r17_fw5_a_repeated_command_is_ignored_and_does_not_feed_the_dead_man(uno):
+def test_r17_fw5_a_repeated_command_does_not_reset_the_command_timeout(uno):
     uno.hold(300, 300, 0.1)
     old_seq = uno.seq
     last = uno.t_s
@@ -77,7 +77,7 @@ def test_r17_fw5_a_repeated_command_is_ignored_and_does_not_feed_the_dead_man(un
 
 
 @pytest.mark.parametrize(("step", "obeyed"), [(1, True), (127, True), (128, False), (255, False), (0, False)])
-def test_r17_newer_is_one_to_127_ahead(uno, step, obeyed):
+def test_r17_a_newer_sequence_number_is_1_to_127_ahead(uno, step, obeyed):
     for start in (0, 100, 200, 255):
         uno.arm()
         uno.seq = uno.state().drive_seq
@@ -92,7 +92,7 @@ def test_r17_newer_is_one_to_127_ahead(uno, step, obeyed):
         uno.run(0.05)
 
 
-def test_r17_fw5_commands_that_arrive_in_another_order_leave_the_newest(uno):
+def test_r17_fw5_the_newest_of_commands_out_of_order_is_executed(uno):
     chance = random.Random(6)
     uno.arm()
     newest = uno.seq
@@ -108,7 +108,7 @@ def test_r17_fw5_commands_that_arrive_in_another_order_leave_the_newest(uno):
 
 
 @pytest.mark.parametrize("count_lost", [0, 126, 127, 200, 254, 255, 1000])
-def test_r17_however_many_commands_were_lost_one_of_the_next_129_is_obeyed(uno, count_lost):
+def test_r17_within_129_commands_after_any_loss_a_command_is_executed(uno, count_lost):
     """The price of eight bits: after a gap of 127 to 255 commands the next ones look old for a while."""
     uno.arm()
     uno.seq += count_lost
@@ -120,10 +120,10 @@ def test_r17_however_many_commands_were_lost_one_of_the_next_129_is_obeyed(uno, 
     assert (refusals == 0) == (count_lost % 256 < 127)
 
 
-def test_r26_fw3_info_tells_who_speaks_and_what_holds(uno):
+def test_r26_fw3_info_contains_version_configuration_and_reset_cause(uno):
     uno.run(0.02)
     first = [f for f in uno.frames() if isinstance(f, Info)]
-    assert len(first) == 1, "told once at boot, unasked"
+    assert len(first) == 1, "sent once at boot, without a request"
     info = uno.info()
     assert (info.protocol, info.version_major, info.version_minor, info.version_patch) == (PROTOCOL, *VERSION)
     assert info.config == Config()

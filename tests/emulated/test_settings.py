@@ -1,4 +1,4 @@
-"""What belongs to one vehicle outlives resets, and what is damaged or out of range is not believed (R15, R19)."""
+"""Settings of a vehicle survive resets, and damaged or out-of-range settings are not used (R15, R19)."""
 
 import random
 
@@ -50,13 +50,13 @@ def unchecked(frame, seq=1):
     return codec.framed(frames.KIND_OF[type(frame)], seq, frames.pack(frame))
 
 
-def test_r15_an_uno_without_settings_has_those_of_the_factory_and_says_so(uno):
+def test_r15_an_uno_without_settings_uses_factory_settings_and_sets_a_flag(uno):
     assert settings_of(uno) == Settings()
     assert uno.state().flags & StateFlag.FACTORY
 
 
 @pytest.mark.parametrize("end_by", ["reset", "power", "another part with the same EEPROM"])
-def test_r15_settings_outlive(uno, new_uno, end_by):
+def test_r15_settings_survive_resets(uno, new_uno, end_by):
     store(uno)
     assert not uno.state().flags & StateFlag.FACTORY
     if end_by == "reset":
@@ -71,7 +71,7 @@ def test_r15_settings_outlive(uno, new_uno, end_by):
     assert not uno.state().flags & StateFlag.FACTORY
 
 
-def test_r15_settings_are_answered_only_when_they_read_back(uno):
+def test_r15_settings_are_confirmed_only_after_verification(uno):
     """One byte a millisecond at the most, so 35 bytes are not answered within 35 ms."""
     sent_s = uno.send(OURS)
     uno.next_frame(Settings, 0.5)
@@ -79,7 +79,7 @@ def test_r15_settings_are_answered_only_when_they_read_back(uno):
     assert uno.eeprom()[AT_SETTINGS + 1 : AT_SETTINGS + 33] == frames.pack(OURS)
 
 
-def test_r15_telemetry_and_stop_go_on_while_settings_are_stored(uno):
+def test_r15_telemetry_and_stop_work_while_settings_are_stored(uno):
     uno.run(0.05)
     uno.frames()
     uno.send(OURS)
@@ -97,7 +97,7 @@ def test_r15_settings_are_refused_while_armed(uno):
 
 
 @pytest.mark.parametrize("place", [0, 1, 17, 32, 33, 34])
-def test_r15_a_damaged_byte_in_eeprom_makes_none_of_them_believed(new_uno, uno, place):
+def test_r15_a_damaged_byte_in_eeprom_invalidates_all_settings(new_uno, uno, place):
     store(uno)
     eeprom = bytearray(uno.eeprom())
     eeprom[AT_SETTINGS + place] ^= 0x10
@@ -106,7 +106,7 @@ def test_r15_a_damaged_byte_in_eeprom_makes_none_of_them_believed(new_uno, uno, 
     assert second.state().flags & StateFlag.FACTORY
 
 
-def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
+def test_r15_settings_of_an_interrupted_write_are_not_used(uno, new_uno):
     """Cut after each few bytes: either nothing was begun, or the check does not fit, or all is stored."""
     first = OURS._replace(kick_ms=99, battery_permille=2999)
     store(uno, first)
@@ -127,7 +127,7 @@ def test_r15_a_loss_of_power_while_storing_is_not_believed(uno, new_uno):
     assert outcomes >= {(False, True), (True, False)}
 
 
-def test_r19_each_configuration_at_its_ends_is_taken(uno):
+def test_r19_configurations_at_their_limits_are_accepted(uno):
     for least in (True, False):
         numbers = [field.within.least if least else field.within.most for field in frames.FIELDS[Config]]
         config = Config(*numbers)._replace(pwm_hz=50 if least else 20_000)
@@ -192,7 +192,7 @@ def test_r19_fw4_a_command_out_of_range_changes_nothing(uno, left, right, flags)
     assert uno.info().out_of_range == 1
 
 
-def test_r15_settings_that_were_stored_thousands_of_times_still_hold(uno):
+def test_r15_settings_can_be_stored_thousands_of_times(uno):
     """Bytes that do not change are not written: boots and settings wear only the cells that differ."""
     chance = random.Random(4)
     for _ in range(5):

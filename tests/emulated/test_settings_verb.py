@@ -50,7 +50,7 @@ def in_eeprom(live):
         return uno.settings()
 
 
-def test_what_an_uno_begins_with_is_shown(verb):
+def test_the_default_settings_of_an_uno_are_printed(verb):
     code, out, _ = verb()
     assert code == 0
     assert "bridge          l298n\nencoders        none\n" in out
@@ -59,7 +59,7 @@ def test_what_an_uno_begins_with_is_shown(verb):
     assert out.endswith("DEFAULT: what the firmware begins with\n")
 
 
-def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
+def test_new_settings_are_verified_and_survive_a_power_cut(verb, live):
     code, out, _ = verb(
         "--bridge", "TB6612", "--encoders", "quadrature", "--mark", "low", "--right-motor", "reversed",
         "--encoder-plugs", "swapped", "--battery-ratio", "3.127", "--dead-zone", "all=0.11", "--dead-zone",
@@ -83,7 +83,7 @@ def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
     assert in_eeprom(live) == Settings(driver=Driver.L293D)
 
 
-def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, live):
+def test_the_watch_option_reports_a_turned_wheel_and_a_passed_mark(verb, live):
     assert verb("--encoders", "quadrature")[0] == 0
 
     def by_hand():
@@ -116,7 +116,7 @@ def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, li
         (("--kick", "left=0.1"), "--kick left=0.1: expected a wheel and direction with its number"),
     ],
 )  # fmt: skip
-def test_a_value_that_none_takes_is_refused_before_anything_is_opened(verb, live, words, message):
+def test_an_invalid_setting_is_refused_before_the_line_opens(verb, live, words, message):
     code, out, err = verb(*words, host=("nobody@nowhere",))
     assert (code, out) == (2, "")
     assert message in err
@@ -124,8 +124,8 @@ def test_a_value_that_none_takes_is_refused_before_anything_is_opened(verb, live
     assert in_eeprom(live) == Settings()
 
 
-def test_while_a_motor_runs_nothing_is_stored(verb, live):
-    """An Uno that opening the line does not reset, as one wired by GPIO, under somebody else's commands."""
+def test_settings_are_not_stored_while_a_motor_runs(verb, live):
+    """Opening the line does not reset this Uno, as with GPIO wiring; another program commands it."""
     done = threading.Event()
 
     def somebody_else():
@@ -148,8 +148,8 @@ def test_while_a_motor_runs_nothing_is_stored(verb, live):
 
 
 @pytest.mark.parametrize("state", ["MISSION", "MANUAL", "READY"])
-def test_a_service_that_drives_is_not_stopped_for_it(verb, tmp_path, monkeypatch, state):
-    """A real socket in the place of the service's, and a systemctl that says that it runs."""
+def test_a_driving_service_is_not_stopped_for_settings(verb, tmp_path, monkeypatch, state):
+    """A real socket replaces that of the service, and a systemctl reports that the service runs."""
     calls = tmp_path / "calls"
     for name, text in {"systemctl": "exit 0", "sudo": 'shift; exec "$@"'}.items():
         (tmp_path / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{calls}\n{text}\n')
@@ -179,7 +179,7 @@ def test_a_service_that_drives_is_not_stopped_for_it(verb, tmp_path, monkeypatch
         assert "stop" not in calls.read_text()
 
 
-def test_at_a_host_the_same_is_typed_there_and_its_table_is_shown_here(verb, live, tmp_path, monkeypatch):
+def test_settings_at_a_host_run_there_and_are_printed_locally(verb, live, tmp_path, monkeypatch):
     """ssh is a shell here, which starts the real command line."""
     vehicle_toml = tmp_path / "vehicle.toml"
     vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(vehicle_toml)
@@ -204,7 +204,7 @@ def test_at_a_host_the_same_is_typed_there_and_its_table_is_shown_here(verb, liv
     assert in_eeprom(live).driver == Driver.TB6612
 
 
-def test_names_of_the_options_are_those_that_the_firmware_keeps():
+def test_option_names_match_the_settings_of_the_firmware():
     assert list(OPTIONS) == [*uno_settings.KINDS, *uno_settings.PLUGS, *uno_settings.NUMBERS]
     assert list(OF_WAYS) == list(uno_settings.OF_WAYS)
     for name, (_, members) in uno_settings.KINDS.items():
@@ -213,7 +213,7 @@ def test_names_of_the_options_are_those_that_the_firmware_keeps():
         assert OPTIONS[name][0] == "|".join(words)
 
 
-def test_rows_hold_all_that_is_kept():
+def test_settings_rows_contain_all_stored_settings():
     whole = changed(
         Settings(),
         {name: [words[1]] for name, (_, words) in uno_settings.PLUGS.items()}

@@ -1,4 +1,4 @@
-"""What the firmware takes of the part (R27), and that its sources stay within what an Arduino sketch may hold."""
+"""The flash and RAM of the firmware (R27), and its sources within the limits of an Arduino sketch."""
 
 import re
 import subprocess
@@ -32,8 +32,8 @@ def test_r27_the_stack_leaves_more_than_half_of_the_ram_untouched(uno):
     assert uno.info().least_free_ram > PART_RAM / 2
 
 
-def test_the_program_in_the_wheel_is_that_of_these_sources(firmware, new_uno):
-    """To the byte with the compiler that made it; another compiler's differs, so there it is run and asked."""
+def test_the_firmware_in_the_wheel_matches_its_sources(firmware, new_uno):
+    """Equal bytes with the compiler that built it; with another compiler, the firmware runs and reports its version."""
     if "5.4.0" in subprocess.run(["avr-gcc", "--version"], capture_output=True, text=True, check=True).stdout:
         assert SHIPPED.read_bytes() == firmware.hex.read_bytes(), "run `make firmware` and commit uno.hex"
     shipped = new_uno(
@@ -43,12 +43,12 @@ def test_the_program_in_the_wheel_is_that_of_these_sources(firmware, new_uno):
     assert (info.protocol, info.version_major, info.version_minor, info.version_patch) == (PROTOCOL, *VERSION)
 
 
-def test_the_sketch_holds_no_program_of_its_own():
+def test_the_sketch_file_contains_only_comments():
     lines = (FIRMWARE / "uno.ino").read_text(encoding="utf-8").splitlines()
     assert all(line.startswith("//") for line in lines)
 
 
-def test_every_requirement_is_proven_by_a_test_that_names_it():
+def test_every_requirement_has_a_test_that_names_the_requirement():
     table = (FIRMWARE / "README.md").read_text(encoding="utf-8")
     promised = {int(n) for n in re.findall(r"^\| R(\d+) \|", table, re.MULTILINE)}
     tests = "".join(

@@ -1,4 +1,4 @@
-"""The computer stands still in the middle of a drive, the vehicle does not: afterwards nothing drives on by itself.
+"""The computer freezes during a drive and the vehicle does not: afterwards the vehicle does not continue by itself.
 
 Process, line and listening thread are frozen together; the firmware lives on. Times are those of the vehicle.
 """
@@ -80,9 +80,7 @@ def frozen_drive(robot, folder, phase, seconds, **options):
 @pytest.mark.parametrize("keeps", [BUFFER, 0], ids=["telemetry kept", "telemetry lost"])
 @pytest.mark.parametrize("seconds", [0.35, 0.8, 5.0])
 @pytest.mark.parametrize("phase", [*PHASES, "in a block"])
-def test_rt2_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_further(
-    robot, tmp_path, phase, seconds, keeps
-):
+def test_rt2_a_freeze_longer_than_the_command_timeout_ends_the_drive(robot, tmp_path, phase, seconds, keeps):
     service, _, done, run = frozen_drive(robot, tmp_path, phase, seconds, keeps=keeps)
     assert robot.board.first_time(lambda out: any(out.pwm)) is None, "no motor has moved since it woke"
     assert done["why"].code == StopReason.STANDSTILL
@@ -99,21 +97,21 @@ def test_rt2_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_furt
 
 
 @pytest.mark.parametrize("phase", ["after read", "in a block"])
-def test_a_standstill_in_the_first_tick_stops_it_before_it_moved(robot, tmp_path, phase):
+def test_a_freeze_in_the_first_tick_stops_the_drive_before_motion(robot, tmp_path, phase):
     _, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.8, after_s=0.0)
     assert done["why"].code == StopReason.STANDSTILL
     assert robot.board.first_time(lambda out: any(out.pwm)) is None
 
 
 @pytest.mark.parametrize("phase", PHASES)
-def test_a_computer_that_stood_still_for_a_moment_drives_on(robot, tmp_path, phase):
+def test_a_short_freeze_does_not_stop_the_drive(robot, tmp_path, phase):
     service, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.2)
     assert done["why"] is None
     assert service.machine.state is DoorState.READY
     assert robot.board.first_time(lambda out: any(out.pwm)) is not None
 
 
-def test_a_freeze_in_the_midst_of_a_write_moves_nothing_for_longer_than_a_tick(robot, tmp_path):
+def test_a_freeze_during_a_write_moves_motors_for_one_tick_at_most(robot, tmp_path):
     """The command is decided and not yet on the line; this one alone still leaves."""
     service = serve(robot, vehicle_file.load("small"), tmp_path)
     freeze = Freeze(robot, service, "after log", 0.8)

@@ -35,7 +35,7 @@ def test_r2_a_command_without_arm_disarms(uno):
 
 @pytest.mark.parametrize("slew", [1, 40, 1000])
 @pytest.mark.parametrize("duty", [300, 1000])
-def test_r4_fw1_motors_are_off_320_ms_after_the_last_command_at_any_slew(uno, slew, duty):
+def test_r4_fw1_motors_are_off_320_ms_after_the_last_command(uno, slew, duty):
     uno.send(Config(slew_permille_per_ms=1000))
     uno.hold(duty, -duty, 0.1)
     uno.run_until(uno.send(Config(slew_permille_per_ms=slew)))
@@ -50,7 +50,7 @@ def test_r4_fw1_motors_are_off_320_ms_after_the_last_command_at_any_slew(uno, sl
 
 
 @pytest.mark.parametrize("dead_man_ms", [50, 1000])
-def test_r4_fw1_the_dead_man_is_as_configured(uno, dead_man_ms):
+def test_r4_fw1_the_command_timeout_is_as_configured(uno, dead_man_ms):
     uno.send(Config(dead_man_ms=dead_man_ms))
     uno.hold(500, 500, 0.1)
     last = uno.drive(500, 500)
@@ -58,7 +58,7 @@ def test_r4_fw1_the_dead_man_is_as_configured(uno, dead_man_ms):
     assert dead_man_ms - 2 <= 1000 * (uno.off_since() - last) <= dead_man_ms + 13
 
 
-def test_r4_a_command_may_shorten_its_dead_man_and_not_lengthen_it(uno):
+def test_r4_a_command_can_shorten_but_not_lengthen_its_timeout(uno):
     uno.hold(500, 500, 0.1)
     last = uno.drive(500, 500, ttl_10ms=8)
     uno.run_until(last + 0.1)
@@ -69,7 +69,7 @@ def test_r4_a_command_may_shorten_its_dead_man_and_not_lengthen_it(uno):
     assert 0.298 <= uno.off_since() - last <= 0.313
 
 
-def test_r4_a_fresh_command_after_the_dead_man_is_obeyed(uno):
+def test_r4_a_new_command_after_the_timeout_is_executed(uno):
     uno.hold(500, 500, 0.1)
     uno.run(0.5)
     assert not uno.moving
@@ -91,14 +91,14 @@ def test_r5_rt15_stop_takes_3_ms_at_every_pwm_frequency(uno, pwm_hz):
     assert uno.state().flags & StateFlag.STOPPED
 
 
-def test_r5_stop_is_obeyed_with_any_sequence(uno):
+def test_r5_stop_is_executed_with_any_sequence_number(uno):
     uno.hold(500, 500, 0.1)
     uno.send(Stop(), seq=uno.seq - 5)
     uno.run(0.003)
     assert not uno.moving
 
 
-def test_r5_stop_is_latched_until_it_is_cleared_on_purpose(uno):
+def test_r5_stop_is_latched_until_explicitly_cleared(uno):
     uno.hold(500, 500, 0.1)
     uno.run_until(uno.send(Stop()) + 2e-3)
     uno.forget_outputs()
@@ -120,7 +120,7 @@ def test_r5_stop_is_latched_until_it_is_cleared_on_purpose(uno):
 
 
 @pytest.mark.parametrize("interrupts", [True, False])
-def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_reported(uno, interrupts):
+def test_r6_fw2_a_hang_turns_the_motors_off_within_150_ms(uno, interrupts):
     uno.hold(800, 800, 0.3)
     before = uno.info()
     hung = uno.t_s
@@ -135,7 +135,7 @@ def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_reported(uno, interru
     assert bool(info.reset_cause & ResetCause.HUNG) == interrupts
 
 
-def test_r6_a_hang_is_reported_even_where_the_boot_loader_hides_the_watchdog(uno):
+def test_r6_a_hang_is_reported_without_the_watchdog_flag(uno):
     uno.hold(800, 800, 0.1)
     uno.hang()
     uno.run(0.110)

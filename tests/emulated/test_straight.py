@@ -12,7 +12,7 @@ WAY_M = 5.0
 
 
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
-def test_five_metres_with_and_without_the_hold(firmware, yaw_gain):
+def test_heading_control_drives_five_metres_straight(firmware, yaw_gain):
     file = as_fitted(vehicle_file.load("small"))
     free, holding = (drive(firmware, file, body(file, yaw_gain), hold) for hold in (False, True))
     print(f"yaw gain {yaw_gain}: free {free.text()}; held {holding.text()}")

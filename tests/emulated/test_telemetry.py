@@ -1,4 +1,4 @@
-"""Battery, encoders, mark, clock, telemetry: what the firmware tells is what happened (R20 to R25)."""
+"""Battery, encoders, mark, clock, telemetry: the firmware reports the true values (R20 to R25)."""
 
 import itertools
 import random
@@ -38,14 +38,14 @@ def test_r20_battery_is_reported_within_1_percent(uno, volts):
     assert uno.state().battery_mv == pytest.approx(1000 * volts, rel=0.01)
 
 
-def test_r20_a_divider_of_other_resistors_is_calibrated(uno):
+def test_r20_a_divider_with_other_resistors_can_be_calibrated(uno):
     settle(uno, battery_permille=3300)
     uno.set_battery(7.4)
     uno.run(0.2)
     assert uno.state().battery_mv == pytest.approx(1.1 * 7400, rel=0.01)
 
 
-def test_r20_fw8_two_seconds_below_the_limit_disarm_and_it_must_recover(uno):
+def test_r20_fw8_two_seconds_of_low_battery_disarm_until_recovery(uno):
     uno.send(Config(least_battery_mv=6600))
     uno.hold(500, 500, 0.2)
     uno.set_battery(6.3)
@@ -70,14 +70,14 @@ def test_r20_fw8_two_seconds_below_the_limit_disarm_and_it_must_recover(uno):
     assert uno.moving
 
 
-def test_r20_without_a_limit_no_battery_is_needed(uno):
+def test_r20_no_battery_is_needed_without_a_limit(uno):
     uno.set_battery(0.0)
     uno.hold(500, 500, 2.5)
     assert uno.moving
 
 
 @pytest.mark.parametrize("rate", [100, 3500, 10_000])
-def test_r21_quadrature_counts_every_edge_both_ways(uno, rate):
+def test_r21_quadrature_counts_every_edge_in_both_directions(uno, rate):
     settle(uno, encoders=Encoders.QUADRATURE)
     zero = counts(uno)
     uno.hold(500, -500, 0.05)
@@ -101,7 +101,7 @@ def test_r21_quadrature_counts_every_edge_both_ways(uno, rate):
         (Wiring.ENCODERS_SWAPPED | Wiring.LEFT_ENCODER_REVERSED, ((1, -1), (0, 1))),
     ],
 )
-def test_r14_encoders_that_are_swapped_or_reversed_are_put_right(uno, wiring, signs):
+def test_r14_swapped_or_reversed_encoders_are_corrected(uno, wiring, signs):
     settle(uno, encoders=Encoders.QUADRATURE, wiring=wiring)
     zero = counts(uno)
     counts_turned = (120, 70)
@@ -130,7 +130,7 @@ def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
     assert counts(uno)[0] - zero[0] == 47
 
 
-def test_r22_an_encoder_that_is_silent_while_driven_hard_is_a_fault(uno):
+def test_r22_a_silent_encoder_at_high_duty_is_a_fault(uno):
     settle(uno, encoders=Encoders.SINGLE)
     start = uno.t_s
     for k in range(40):
@@ -143,7 +143,7 @@ def test_r22_an_encoder_that_is_silent_while_driven_hard_is_a_fault(uno):
     assert not uno.state().flags & StateFlag.ENCODER_FAULT
 
 
-def test_r22_without_encoders_there_is_no_fault_and_no_count(uno):
+def test_r22_without_encoders_no_fault_and_no_count_is_reported(uno):
     uno.slots(0, 20, uno.t_s, uno.t_s + 0.1)
     uno.hold(600, 600, 0.7)
     state = uno.state()
@@ -160,7 +160,7 @@ def strip(uno, at_s, seconds, bounces=()):
     uno.set_mark(False, at_s + seconds)
 
 
-def test_r23_a_strip_is_counted_once_and_stamped_at_its_edge(uno):
+def test_r23_a_mark_is_counted_once_and_timestamped_at_its_edge(uno):
     chance = random.Random(7)
     uno.run(0.05)
     at_s = uno.t_s
@@ -178,7 +178,7 @@ def test_r23_a_strip_is_counted_once_and_stamped_at_its_edge(uno):
         assert firmware_s(uno, state.mark_t_us) == pytest.approx(at_s, abs=50e-6)
 
 
-def test_r23_bounces_at_both_edges_are_one_strip_from_the_first_edge(uno):
+def test_r23_bounces_at_both_edges_count_as_one_mark(uno):
     uno.run(0.05)
     at_s = uno.t_s + 0.0101
     for edge in (at_s, at_s + 0.05):
@@ -193,7 +193,7 @@ def test_r23_bounces_at_both_edges_are_one_strip_from_the_first_edge(uno):
     assert firmware_s(uno, state.mark_t_us) == pytest.approx(at_s, abs=0.5e-3)
 
 
-def test_r23_glitches_and_an_open_pin_count_nothing(uno, new_uno):
+def test_r23_glitches_and_an_open_pin_give_no_marks(uno, new_uno):
     uno.run(0.05)
     for k in range(30):
         uno.set_mark(True, uno.t_s + 0.03 * k)
@@ -208,7 +208,7 @@ def test_r23_glitches_and_an_open_pin_count_nothing(uno, new_uno):
     assert second.state().flags & StateFlag.ON_MARK
 
 
-def test_r23_a_sensor_that_is_low_over_the_tape_is_a_setting(uno):
+def test_r23_the_polarity_of_the_mark_sensor_is_configurable(uno):
     uno.set_mark(True)
     settle(uno, wiring=Wiring.MARK_ACTIVE_LOW)
     before = uno.state().mark_count
@@ -222,7 +222,7 @@ def test_r23_a_sensor_that_is_low_over_the_tape_is_a_setting(uno):
 
 
 @pytest.mark.parametrize("ppm", [0, 2000, -5000])
-def test_r24_pong_tells_the_clock_of_a_resonator_that_is_off(new_uno, ppm):
+def test_r24_pong_reveals_the_clock_error_of_the_resonator(new_uno, ppm):
     """Two pings 2 s apart: the firmware's seconds are longer or shorter by just so much."""
     uno = new_uno(ppm=ppm)
     uno.run(0.05)
@@ -242,7 +242,7 @@ def test_r24_pong_tells_the_clock_of_a_resonator_that_is_off(new_uno, ppm):
 
 
 @pytest.mark.parametrize("period_ms", [5, 10, 33, 250])
-def test_r25_telemetry_comes_as_configured(uno, period_ms):
+def test_r25_telemetry_has_the_configured_rate(uno, period_ms):
     uno.send(Config(telemetry_ms=period_ms))
     uno.run(0.6)
     uno.frames()
@@ -255,8 +255,8 @@ def test_r25_telemetry_comes_as_configured(uno, period_ms):
     assert all(gap == pytest.approx(period_ms, abs=1.0) for gap in gaps)
 
 
-def test_r25_every_frame_is_whole_under_load(uno):
-    """Commands and pings at 100 Hz, 10 000 edges a second on each wheel, settings asked: nothing is lost."""
+def test_r25_every_frame_is_intact_under_load(uno):
+    """Commands and pings at 100 Hz, 10 000 edges a second on each wheel, requests for settings: no frame is lost."""
     settle(uno, encoders=Encoders.QUADRATURE)
     zero = counts(uno)
     uno.arm()

@@ -186,7 +186,7 @@ class EmulatedUno:
         return self.write(encode(frame, seq), at_s)
 
     def frames(self) -> list[Frame]:
-        """What the firmware said since the last call."""
+        """Return the frames that the firmware sent since the last call."""
         new: list[tuple[float, ReceivedFrame]] = []
         for t_s, byte in self.read_stamped():
             new += [(t_s, frame_received) for frame_received in self.decoder.feed(bytes([byte]))]
@@ -194,7 +194,7 @@ class EmulatedUno:
         return [frame_received.frame for _, frame_received in new]
 
     def next_frame(self, kind: type, within_s: float = 0.05) -> Frame:
-        """Runs until the firmware says a frame of this kind."""
+        """Run until the firmware sends a frame of this kind."""
         end = self.t_s + within_s
         while self.t_s < end:
             self.run(1e-3)
@@ -212,7 +212,7 @@ class EmulatedUno:
                 return frame  # pyright: ignore[reportReturnType]
 
     def info(self) -> Info:
-        """An answer to a question that was asked now."""
+        """Request the Info frame now and return the answer."""
         self.run_until(self._line_free_s + 0.01)
         self.frames()
         self.send(AskInfo())

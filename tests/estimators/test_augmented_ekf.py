@@ -1,4 +1,4 @@
-"""The recommended filter: who leads where, what is learned when, and how wrong it says it is."""
+"""The recommended filter: the sensor that determines each state, the estimated biases, the stated uncertainty."""
 
 from dataclasses import replace
 from functools import cache
@@ -50,7 +50,7 @@ def run(block, ticks, belief=None):
 
 
 @pytest.mark.parametrize("rate", [-3.0, 0.4, 2.0])
-def test_heading_is_the_integral_of_the_gyro_where_the_model_turns_wrongly(rate):
+def test_the_heading_follows_the_gyro_despite_a_wrong_turning_model(rate):
     belief, _ = run(filter_of(), (tick(k, (0.0, 0.0, rate)) for k in range(1, 50)))
     after, estimate = run(filter_of(), (tick(k, (0.0, 0.0, rate)) for k in range(50, 150)), belief)
     assert wrap(after.mean[2] - belief.mean[2] - rate) == pytest.approx(0.0, abs=0.005)
@@ -71,7 +71,7 @@ def test_trusted_accelerometers_move_the_speed():
     assert abs(moving.mean[3] - plain.mean[3]) > 0.05
 
 
-def test_an_odometer_leads_the_speed_and_leaves_the_heading_to_the_gyro():
+def test_an_odometer_determines_the_speed_and_the_gyro_the_heading():
     both = filter_of(use=("imu", "odometer"))
     belief, estimate = run(both, (tick(k, (0.0, 0.0, 1.0), 0.6) for k in range(1, 200)))
     gyro_only, _ = run(filter_of(), (tick(k, (0.0, 0.0, 1.0)) for k in range(1, 200)))
@@ -79,15 +79,15 @@ def test_an_odometer_leads_the_speed_and_leaves_the_heading_to_the_gyro():
     assert wrap(belief.mean[2] - gyro_only.mean[2]) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_what_a_walk_gives_to_a_velocity_fades_within_the_tick():
+def test_sideways_process_noise_fades_within_one_tick():
     """Sideways the tyres stop the vehicle within 15 ms, and a tick lasts 10: σ² τ/2 is what remains."""
     belief, _ = run(filter_of(), (tick(k, u=(0.0, 0.0, 0.0)) for k in range(1, 45)))
     fade_s = SMALL.mass_kg / FRICTION.linear[1]
     assert belief.cov[4, 4] == pytest.approx(0.5 * fade_s * filter_of().velocity_walk_std[1] ** 2, rel=0.03)
 
 
-def test_what_turns_a_vehicle_moves_an_origin_that_lies_ahead_of_what_turns_in_place():
-    """ν_y = l ν_ψ of a car, also of what its gyro corrects, and the claim knows that they belong together."""
+def test_a_gyro_correction_also_moves_the_sideways_velocity_of_a_car():
+    """ν_y = l ν_ψ of a car, also for the correction by its gyro; the covariance contains this correlation."""
     car = load("car")
     block = compiled(car.estimator(use=("imu",)), "c")
     resting = [Slot(0.0, np.zeros(sensor.size)) for sensor in car.sensors]
@@ -101,7 +101,7 @@ def test_what_turns_a_vehicle_moves_an_origin_that_lies_ahead_of_what_turns_in_p
     assert belief.cov[4, 4] == pytest.approx(l**2 * belief.cov[5, 5], rel=0.1)
 
 
-def test_a_bias_is_learned_at_rest_and_not_while_it_drives():
+def test_a_bias_is_estimated_only_at_rest():
     rest = [tick(k, (0.1, 0.0, 0.004), u=(0.0, 0.0, 0.0)) for k in range(1, 300)]
     resting, _ = run(filter_of(), rest)
     driving, _ = run(filter_of(), (tick(k, (0.1, 0.0, 0.004)) for k in range(1, 300)))
@@ -111,13 +111,13 @@ def test_a_bias_is_learned_at_rest_and_not_while_it_drives():
     assert resting.mean[:6] == pytest.approx(np.zeros(6), abs=2e-3)
 
 
-def test_who_is_carried_while_at_rest_is_not_held_at_rest():
+def test_a_vehicle_turned_by_hand_is_not_assumed_at_rest():
     rest, _ = run(filter_of(), (tick(k, (0, 0, 0), u=(0, 0, 0)) for k in range(1, 200)))
     _, carried_estimate = run(filter_of(), (tick(k, (0, 0, 1.0), u=(0, 0, 0)) for k in range(200, 230)), rest)
     assert carried_estimate.nu[2] == pytest.approx(1.0, rel=0.02)
 
 
-def test_a_spike_is_left_out_and_a_turn_that_lasts_is_followed():
+def test_a_spike_is_rejected_and_a_lasting_turn_is_followed():
     belief, _ = run(filter_of(), (tick(k, (0, 0, 0.5)) for k in range(1, 100)))
     spike, _ = run(filter_of(), [tick(100, (0, 0, 17.0))], belief)
     silent, _ = run(filter_of(), [tick(100)], belief)
@@ -126,13 +126,13 @@ def test_a_spike_is_left_out_and_a_turn_that_lasts_is_followed():
     assert turning.nu[2] == pytest.approx(0.9, rel=0.05)
 
 
-def test_what_is_absurd_is_never_followed():
+def test_an_impossible_yaw_rate_is_never_followed():
     belief, _ = run(filter_of(), (tick(k, (0, 0, 0.5)) for k in range(1, 100)))
     after, _ = run(filter_of(), (tick(k, (0, 0, 500.0)) for k in range(100, 200)), belief)
     assert abs(after.mean[5]) < 1.0
 
 
-def test_rt8_what_stands_at_the_end_of_the_range_is_not_a_measurement():
+def test_rt8_a_saturated_gyro_reading_is_not_used():
     ranged = replace(IMU, gyro_limit=4.0)
     block = compiled(AugmentedEkf(SMALL, BOTH(ranged, ODOMETER)), "c")
     _, estimate = run(block, (tick(k, (0, 0, 4.0)) for k in range(1, 100)))
@@ -141,7 +141,7 @@ def test_rt8_what_stands_at_the_end_of_the_range_is_not_a_measurement():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_one_number_that_is_not_finite_leaves_the_others_of_its_sensor(bad):
+def test_one_nan_does_not_discard_the_other_readings_of_its_sensor(bad):
     belief, _ = run(filter_of(), (tick(k, (0, 0, 0.5)) for k in range(1, 100)))
     good, _ = run(filter_of(), [tick(100, (0, 0, 0.6))], belief)
     hurt, estimate = run(filter_of(), [tick(100, (bad, 0, 0.6))], belief)
@@ -149,7 +149,7 @@ def test_one_number_that_is_not_finite_leaves_the_others_of_its_sensor(bad):
     assert np.isnan(estimate.innovation).tolist() == [True, False, False]
 
 
-def test_scales_are_considered_and_widen_the_heading_by_what_was_turned():
+def test_scale_uncertainty_widens_the_heading_covariance_with_the_turned_angle():
     belief, estimate = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(1, 500)))
     assert belief.mean[SCALES:BIASES] == pytest.approx(np.zeros(4), abs=1e-12)
     turn_rad, bias = 2.0 * 5.0, IMU.gyro_bias_std * 5.0
@@ -158,14 +158,14 @@ def test_scales_are_considered_and_widen_the_heading_by_what_was_turned():
     )
 
 
-def test_a_pose_sensor_corrects_everything():
+def test_a_pose_sensor_corrects_the_whole_state():
     sensors = sensor_slots(("imu", "pose"))(IMU, Pose(noise_std=np.array([0.01, 0.01, 0.02])))
     its = layout(AugmentedEkf(SMALL, sensors, use=("imu", "pose")))
     assert np.all(np.delete(its.moving[3:], BEND, axis=1) == 1.0)  # the bend of a region is considered
     assert not np.any(layout(AugmentedEkf(SMALL, sensors)).moving[:, SCALES:])
 
 
-def test_a_kinematic_vehicle_is_led_by_its_sensors_too():
+def test_a_kinematic_vehicle_follows_its_sensors_too():
     vehicle = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 2.0]), drivetrain=Drivetrain(commands=3))
     block = compiled(AugmentedEkf(vehicle, BOTH(IMU, ODOMETER), use=("imu[2]", "odometer")), "c")
     belief, estimate = run(block, (tick(k, (0.0, 0.0, 1.0), 0.4) for k in range(1, 200)))
@@ -173,12 +173,12 @@ def test_a_kinematic_vehicle_is_led_by_its_sensors_too():
     assert np.linalg.eigvalsh(belief.cov)[0] > 0.0
 
 
-def test_use_that_names_no_sensor_is_refused():
+def test_an_unknown_sensor_in_use_is_refused():
     with refused("field.use", ValueError, known="imu, odometer"):
         AugmentedEkf(SMALL, BOTH(IMU, ODOMETER), use=("camera[2]",))
 
 
-def test_heading_is_as_wrong_as_claimed_on_robots_of_the_independent_truth():
+def test_heading_errors_match_their_covariance_on_the_independent_truth():
     """40 robots, none of them the one of the file, with gyros whose scale is known to 3 % and whose bias is known to
     0.002 rad/s. The mean of 40 NEES lies between 0.58 and 1.52 in 99 of 100 such studies, if the claim is true."""
     seeds, ticks, rng = range(40), 1000, np.random.default_rng(7)

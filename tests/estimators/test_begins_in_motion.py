@@ -1,4 +1,4 @@
-"""A recording that begins in motion: the motors have had a command before, so the speed is held from the first tick."""
+"""A recording that begins in motion: the motors had a command before, so the speed is constant from the first tick."""
 
 import numpy as np
 import pytest
@@ -49,12 +49,12 @@ def speeds(block, nu, first=U):
 
 
 @pytest.mark.parametrize("kind", BLOCKS)
-def test_the_speed_is_held_from_the_first_tick(kind):
+def test_the_speed_is_constant_from_the_first_tick(kind):
     np.testing.assert_allclose(speeds(BLOCKS[kind], steady()), steady()[0], rtol=2e-3)
 
 
 @pytest.mark.parametrize("kind", BLOCKS)
-def test_from_rest_the_delay_passes_first(kind):
+def test_a_start_from_rest_waits_for_the_command_delay(kind):
     from_rest = speeds(BLOCKS[kind], np.zeros(3))
     assert np.all(np.abs(from_rest[:3]) < 1e-12)
     assert from_rest[-1] > 0.005

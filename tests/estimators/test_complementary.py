@@ -47,7 +47,7 @@ def of_motion(nu, nu_dot):
     return np.array([IMU.h(Motion(np.zeros(3), a, b, np.zeros(2))) for a, b in zip(nu, nu_dot, strict=True)])
 
 
-def test_quick_changes_are_those_of_the_model_and_fade_with_the_blend_time():
+def test_fast_speed_changes_follow_the_model_and_fade_with_the_blend_time():
     """v answers the model like T s / (T s + 1): wheels that stand fast while a command says 0.5 m/s win after T."""
     n, time_s, lag_s = 400, 0.5, 0.61 / 1.2
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
@@ -59,7 +59,7 @@ def test_quick_changes_are_those_of_the_model_and_fade_with_the_blend_time():
     np.testing.assert_allclose(motion.nu[:, 0], exact, atol=0.01)
 
 
-def test_wheels_that_are_silent_half_of_the_time_pull_only_when_they_speak():
+def test_wheels_correct_the_speed_only_at_ticks_with_a_reading():
     n = 600
     v = np.full(n, 0.3)
     block = blended(ODOMETER, blend_time_s=0.2)
@@ -73,7 +73,7 @@ def test_wheels_that_are_silent_half_of_the_time_pull_only_when_they_speak():
     assert motion.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
 
 
-def test_slow_changes_are_those_of_the_wheels_for_any_model_says():
+def test_slow_speed_changes_follow_the_wheels_for_any_model():
     n = 1000
     v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}
@@ -81,7 +81,7 @@ def test_slow_changes_are_those_of_the_wheels_for_any_model_says():
     np.testing.assert_allclose(motion.nu[:, 0], v, atol=0.01)
 
 
-def test_ticks_that_are_rarer_than_the_file_says_turn_it_as_far():
+def test_the_heading_is_correct_at_a_lower_tick_rate():
     """A log at 10 Hz for a file of 100 Hz: 2 s at 0.5 rad/s are 1 rad."""
     block = blended()
     belief = block.init()
@@ -104,7 +104,7 @@ def test_without_wheels_the_speed_is_that_of_the_model():
     assert estimate.nu[0] == pytest.approx(0.5, rel=0.03)
 
 
-def test_the_bias_of_the_gyro_is_learned_at_rest_and_only_there():
+def test_the_gyro_bias_is_estimated_only_at_rest():
     n = 600
     off = np.array([0.0, 0.0, 0.03]) + of_motion(np.zeros((n, 3)), np.zeros((n, 3)))
     rest, motion = through(blended(rest_time_s=0.5), np.zeros((n, 3)), {"imu": off})
@@ -118,7 +118,7 @@ def test_the_bias_of_the_gyro_is_learned_at_rest_and_only_there():
     assert float(turning_state.bias) == 0.0
 
 
-def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
+def test_the_estimate_moves_and_turns_with_the_map_across_pi():
     n, start = 400, np.array([3.0, -2.0, 2.9])
     nu = np.tile([0.2, 0.0, 0.8], (n, 1))
     z = {"imu": of_motion(nu, 0.0 * nu), "odometer": 1.02 * nu[:, :1]}
@@ -131,7 +131,7 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
     assert np.min(moved_estimate.eta[:, 2]) < -3.0
 
 
-def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():
+def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_truth():
     """Rms of speed over 8 s of 6 robots: less than half of what the wheels alone show, whose noise is white."""
     n, ticks, rng = 6, 800, np.random.default_rng(41)
     physics = draw_robots(n, 6)
@@ -151,7 +151,7 @@ def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_it_keeps_every_promise_of_a_block_and_compiles(name):
+def test_the_complementary_filter_passes_the_block_check_and_compiles(name):
     file = load(name)
     block = file.estimator(kind="complementary")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []

@@ -9,7 +9,7 @@ from tests.codes import refused
 from tests.papers_noise import PAPER_Q, PAPER_R
 
 
-def test_es1_the_papers_q_is_refused_with_the_entry_that_cannot_be():
+def test_es1_the_q_of_the_paper_is_refused_with_its_impossible_entry():
     with refused("cov.eigenvalue", ValueError, i=0, j=1, entry=-0.006, second=0.0):
         covariance(PAPER_Q, 3, "measurement_noise_cov")
 
@@ -20,7 +20,7 @@ def test_the_papers_r_is_refused_because_it_is_not_symmetric():
 
 
 @pytest.mark.parametrize("matrix", [PAPER_Q, PAPER_R])
-def test_es1_the_matrix_that_is_offered_is_valid_and_near(matrix):
+def test_es1_the_proposed_covariance_is_valid_and_near(matrix):
     valid = nearest_covariance(np.array(matrix))
     assert np.array_equal(valid, valid.T)
     assert np.linalg.eigvalsh(valid)[0] > -1e-12

@@ -1,4 +1,4 @@
-"""Dead reckoning drifts, and knows by how much: its covariance is that of a Monte Carlo.
+"""Dead reckoning drifts, and its covariance equals that of a Monte Carlo simulation.
 
 False-alarm rates: each variance lies within the χ² band that a right one leaves once in 10,000 choices of the seed; the
 seeds are fixed.
@@ -115,7 +115,7 @@ def test_the_covariance_is_that_of_a_monte_carlo(speed):
         assert low < variances[k] < high, f"{quantity}: {variances[k]:.3f} of the claimed variance"
 
 
-def test_without_wheels_it_is_the_models_speed_with_the_models_doubt():
+def test_without_wheels_speed_and_uncertainty_are_those_of_the_model():
     """The effort's scale and the noise of every tick are drawn; the gyro and the start are perfect."""
     runs, n = 300, 1000
     rng, std = np.random.default_rng(31), ACCEL_SCALE_STD
@@ -140,7 +140,7 @@ def test_without_wheels_it_is_the_models_speed_with_the_models_doubt():
     assert np.all((low < variances) & (variances < high)), f"x, ν_x: {variances} of the claimed variance"
 
 
-def test_nees_of_the_pose_lies_in_its_band_on_robots_of_the_independent_truth():
+def test_pose_nees_lies_in_its_band_on_the_independent_truth():
     """A dead zone, unequal motors, lag and slip that the model does not have; gyro and wheels as the block believes."""
     n, ticks, rng = 40, 800, np.random.default_rng(32)
     physics = draw_robots(n, 5)
@@ -175,7 +175,7 @@ def test_nees_of_the_pose_lies_in_its_band_on_robots_of_the_independent_truth():
 @pytest.mark.parametrize(
     "late", [{"delay_s": 0.03, "delay_slots": 3}, {"low_pass_hz": 5.0}], ids=["delay", "low-pass"]
 )
-def test_what_a_late_reading_shows_was_missing_for_its_age(late):
+def test_a_delayed_gyro_causes_no_heading_error_in_a_curve(late):
     """On a curve that begins, swings and ends: the age costs no heading, neither on the way nor at its end."""
     n = 600
     reckon = reckoning(WHEELED, imu=replace(IMU, **late), odometer=ODOMETER)
@@ -195,7 +195,7 @@ def test_what_a_late_reading_shows_was_missing_for_its_age(late):
     assert np.max(np.hypot(*(estimates.eta[:, :2] - eta[1:, :2]).T)) < 3e-3
 
 
-def test_between_readings_at_a_tenth_of_the_rate_what_the_model_missed_is_made_good():
+def test_slow_readings_correct_the_model_error_between_readings():
     """Under no command the model slows down: without the last term of (3) the heading would end 1 rad short."""
     n = 2000
     reckon = reckoning(imu=IMU, odometer=ODOMETER)
@@ -207,7 +207,7 @@ def test_between_readings_at_a_tenth_of_the_rate_what_the_model_missed_is_made_g
     assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 0.15
 
 
-def test_a_sensor_is_read_for_what_its_h_shows():
+def test_sensor_rows_are_chosen_by_the_measurement_function():
     def rows_shown(**sensors_by_name):
         return [(r.name, r.rows, r.of) for r in reckoning(**sensors_by_name).readings]
 
@@ -224,7 +224,7 @@ def test_a_sensor_is_read_for_what_its_h_shows():
         reckoning(use=("gps",))
 
 
-def test_wheels_alone_turn_it_too():
+def test_wheels_alone_determine_the_heading_too():
     n = 500
     nu, eta = drive_truth(n, 1e9)
     z = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * nu[1:, 2], nu[1:, 0] + 0.06 * nu[1:, 2]], 1)
@@ -234,7 +234,7 @@ def test_wheels_alone_turn_it_too():
     assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 1e-3
 
 
-def test_a_car_slips_sideways_only_as_its_rear_axle_says():
+def test_the_sideways_velocity_of_a_car_follows_from_its_rear_axle():
     car = Car(
         wheelbase_m=0.15,
         rear_axle_m=0.075,
@@ -252,7 +252,7 @@ def test_a_car_slips_sideways_only_as_its_rear_axle_says():
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.9, -1.3])
-def test_moving_and_turning_the_map_moves_and_turns_the_estimate(turn):
+def test_the_estimate_moves_and_turns_with_the_map(turn):
     start, n = np.array([3.0, -2.0, turn]), 300
     reckon = reckoning(imu=IMU, odometer=ODOMETER, initial_std=np.full(6, 0.01))
     nu, _ = drive_truth(n, 1e9)
@@ -280,7 +280,7 @@ def test_heading_crosses_pi_between_two_ticks_without_a_jump():
     np.testing.assert_allclose(wrap(np.diff(psi))[1:], 0.02, atol=1e-12)
 
 
-def test_after_a_pause_of_a_minute_it_could_be_a_minute_of_driving_away():
+def test_position_uncertainty_after_a_pause_covers_the_possible_distance():
     reckon = compiled(reckoning(imu=IMU, odometer=ODOMETER), "python")
     belief = reckon.init(nu=np.array([0.3, 0.0, 0.0]))
     slots = type(reckon.sensors)(Slot(1.0, np.array([0.0, 0.0, 0.02])), Slot(1.0, np.array([1.02 * 0.3])))
@@ -291,7 +291,7 @@ def test_after_a_pause_of_a_minute_it_could_be_a_minute_of_driving_away():
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_it_keeps_every_promise_of_a_block_and_compiles(name):
+def test_dead_reckoning_passes_the_block_check_and_compiles(name):
     file = load(name)
     block = file.estimator(kind="dead_reckoning")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []
@@ -311,6 +311,6 @@ def test_it_keeps_every_promise_of_a_block_and_compiles(name):
         ),
     ],
 )
-def test_bad_settings_are_refused_in_words(options, words):
+def test_bad_settings_are_refused_with_a_reason(options, words):
     with refused(words[0], ValueError, **words[1]):
         reckoning(**options)

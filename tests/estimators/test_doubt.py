@@ -1,4 +1,4 @@
-"""A disagreement that lasts widens the region so far that the truth is inside, and nothing is believed for it."""
+"""A lasting disagreement widens the region until it covers the truth; the estimate follows neither side."""
 
 from functools import cache
 
@@ -60,7 +60,7 @@ def readings(fault: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("fault", ["stuck", "zero", "off"])
-def test_the_heading_stays_inside_its_region_while_a_gyro_is_wrong_and_after(fault):
+def test_the_heading_region_covers_the_truth_during_and_after_a_gyro_fault(fault):
     eta, nu, cov = estimates(readings(fault))
     true = run().truth
     e = wrap(eta[:, 2] - true.eta[:, 2])
@@ -71,7 +71,7 @@ def test_the_heading_stays_inside_its_region_while_a_gyro_is_wrong_and_after(fau
     assert np.mean(turning[AT & late]) >= 0.95
 
 
-def test_a_model_that_turns_half_as_hard_has_the_truth_in_its_region():
+def test_the_region_covers_the_truth_if_the_model_turns_half_as_much():
     gain = 0.5 * SMALL.vehicle.actuator_matrix[2, 2]
     heavier = simulate(SMALL.with_values({"model.actuator_matrix[2,2]": gain}), U, 0)
     eta, _, cov = estimates(heavier.sensors["imu"].z)
@@ -79,7 +79,7 @@ def test_a_model_that_turns_half_as_hard_has_the_truth_in_its_region():
     assert np.mean(np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])) >= 0.95
 
 
-def test_sensors_that_agree_leave_the_region_as_it_was():
+def test_consistent_sensors_do_not_change_the_region():
     """Bit by bit that of a filter whose doubt never begins."""
     belief = block().init()
     for k, t_ns in enumerate(run().t_ns.tolist()):
@@ -88,7 +88,7 @@ def test_sensors_that_agree_leave_the_region_as_it_was():
         assert belief.doubt[1].max() < DOUBT_S
 
 
-def test_two_seconds_of_a_frozen_imu_cost_less_than_20_cm_a_second():
+def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():
     z = run().sensors["imu"].z.copy()
     for begin_s in (2.0, 3.3, 5.1, 8.4):
         at, bad = (t_s >= begin_s) & (t_s < begin_s + 2.0), z.copy()
@@ -98,7 +98,7 @@ def test_two_seconds_of_a_frozen_imu_cost_less_than_20_cm_a_second():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_one_reading_that_is_not_a_number_leaves_no_trace(bad):
+def test_a_single_nan_reading_has_no_effect(bad):
     """Bit by bit the estimate of an IMU that was silent in that tick."""
     z, has = run().sensors["imu"].z.copy(), np.ones(len(t_s))
     z[500], has[500] = bad, 0.0
@@ -106,7 +106,7 @@ def test_one_reading_that_is_not_a_number_leaves_no_trace(bad):
         assert np.array_equal(estimate, silent)
 
 
-def test_the_way_grows_by_the_velocity_in_doubt_times_its_time():
+def test_position_uncertainty_grows_by_velocity_uncertainty_times_time():
     doubt, pose = np.zeros((2, 2)), np.zeros((3, 3))
     for _ in range(300):
         now = lasting(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
@@ -118,7 +118,7 @@ def test_the_way_grows_by_the_velocity_in_doubt_times_its_time():
     assert np.sqrt(of_nu[0, 0]) == pytest.approx(0.2)
 
 
-def test_one_refused_reading_in_ten_is_not_a_doubt():
+def test_one_rejected_reading_in_ten_does_not_widen_the_region():
     doubt = np.zeros((2, 2))
     for k in range(1000):
         off = np.full(2, 1.0 if k % 10 == 0 else 0.0)

@@ -1,4 +1,4 @@
-"""A measurement of the past is compared with the past: a filter's delay, told by the file or by the stamp."""
+"""A delayed measurement is compared with the past state; the file or the timestamp states the delay."""
 
 from dataclasses import replace
 
@@ -36,19 +36,19 @@ def nees(run):
     return row["nees_velocity"]
 
 
-def test_a_filter_that_knows_of_the_delay_does_not_lag(run, small):
+def test_a_filter_with_the_sensor_delay_does_not_lag(run, small):
     assert yaw_rate_error(run) < 0.25 * yaw_rate_error(replay(run, small))
     assert nees(run) < 2.0
 
 
-def test_the_papers_filter_that_knows_of_the_delay_is_consistent_and_one_that_does_not_is_not(run, small):
+def test_the_paper_filter_is_consistent_only_with_the_sensor_delay(run, small):
     unaware = with_ekf(small)
     aware = replay(run, unaware.with_values({"sensors.imu.delay_s": DELAY_S}))
     assert yaw_rate_error(aware) < 0.25 * yaw_rate_error(replay(run, unaware))
     assert nees(aware) < 2.0 < 20.0 < nees(replay(run, unaware))
 
 
-def test_a_stamp_tells_what_the_file_would(run, small):
+def test_a_timestamp_compensates_the_delay_like_the_file(run, small):
     channel = run.sensors["imu"]
     stamped_channel = channel._replace(t_ns=np.maximum(channel.arrival_ns - round(1e9 * DELAY_S), 0))
     replayed_run = replay(replace(run, sensors=run.sensors | {"imu": stamped_channel}), small)
@@ -56,7 +56,7 @@ def test_a_stamp_tells_what_the_file_would(run, small):
 
 
 @pytest.mark.parametrize("off_s", [-0.01, 10.0])
-def test_a_stamp_of_another_clock_is_not_an_age(run, small, off_s):
+def test_a_timestamp_of_another_clock_is_not_used_as_a_delay(run, small, off_s):
     channel = run.sensors["imu"]
     stamped_channel = channel._replace(t_ns=channel.arrival_ns - round(1e9 * off_s))
     replayed_run = replay(replace(run, sensors=run.sensors | {"imu": stamped_channel}), small)

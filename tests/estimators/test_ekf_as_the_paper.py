@@ -63,7 +63,7 @@ def test_gain_on_velocity_is_that_of_the_papers_six_state_filter(mixing):
         np.testing.assert_allclose(estimate.innovation_cov, oracle.S, rtol=1e-8, atol=1e-12)
 
 
-def test_paper_mode_has_no_gate():
+def test_the_paper_mode_does_not_gate_readings():
     ekf = Ekf(PLANAR, SENSORS, R, mode="paper")
     belief, _ = ekf.step(ekf.init(), next(ticks(1)))
     spike = Tick(20_000_000, np.zeros(3), sensor_slots(("imu",))(Slot(1.0, np.array([1e3, 0.0, 0.0]))))

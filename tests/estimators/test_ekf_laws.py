@@ -1,5 +1,5 @@
-"""What every good filter obeys: damaged data does not enter, silence makes it unsure, frames do not
-matter."""
+"""Laws of every good filter: damaged data does not enter, missing readings increase the uncertainty, and frames do not
+change the result."""
 
 from functools import cache
 
@@ -49,7 +49,7 @@ GOOD = [tick(k, z=(0.3, 0.02, 0.1)) for k in range(1, 6)]
 
 
 @pytest.mark.parametrize("bad", [(np.nan, 0, 0), (0, np.inf, 0), (0, 0, -np.inf), (np.inf, -np.inf, 0)])
-def test_es4_a_number_that_is_not_finite_never_enters(bad):
+def test_es4_a_reading_that_is_not_finite_does_not_enter_the_state(bad):
     belief, _ = after(ekf(), GOOD)
     hit, estimate = ekf().step(belief, tick(6, z=bad))
     silent, _ = ekf().step(belief, tick(6))
@@ -57,7 +57,7 @@ def test_es4_a_number_that_is_not_finite_never_enters(bad):
     assert np.all(np.isnan(estimate.innovation))
 
 
-def test_es4_a_command_that_is_not_finite_never_enters():
+def test_es4_a_command_that_is_not_finite_does_not_enter_the_state():
     belief, _ = after(ekf(), GOOD)
     hit, _ = ekf().step(belief, tick(6, u=(np.nan, 0.0, 0.1)))
     zero, _ = ekf().step(belief, tick(6, u=(0.0, 0.0, 0.1)))
@@ -88,7 +88,7 @@ def test_es11_a_tick_that_is_repeated_or_late_changes_nothing():
         assert estimate.t_ns == t.t_ns
 
 
-def test_two_seconds_of_silence_make_it_unsure_but_do_not_stop_it():
+def test_uncertainty_grows_and_motion_continues_during_two_seconds_without_readings():
     belief, before = after(ekf(), GOOD)
     trace, position = [np.trace(belief.cov[:6, :6])], [before.eta[0]]
     for k in range(6, 206):
@@ -101,7 +101,7 @@ def test_two_seconds_of_silence_make_it_unsure_but_do_not_stop_it():
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
-def test_moving_and_turning_the_map_moves_and_turns_the_estimate(mode):
+def test_the_estimate_moves_and_turns_with_the_map(mode):
     start = np.array([3.0, -2.0, 2.9])
     ticks = [tick(k, u=(0.5, 0.0, 0.6), z=(0.2, 0.1, 1.0)) for k in range(1, 80)]
     _, original = after(ekf(mode=mode), ticks)
@@ -128,7 +128,7 @@ def test_es10_heading_crosses_pi_between_two_ticks_without_a_jump():
 
 
 @pytest.mark.parametrize(("mode", "order"), [("default", 4), ("paper", 1)])
-def test_prediction_has_its_order(mode, order):
+def test_the_prediction_error_has_the_right_order(mode, order):
     """Global error after 0.4 s against a fine integration, by the slope of its logarithm."""
     nu0 = np.array([0.3, 0.1, 1.5])
 
@@ -164,7 +164,7 @@ def test_unexplained_acceleration_fades_with_its_time():
     assert a_d == pytest.approx(np.exp(-1.0), rel=1e-9)
 
 
-def test_the_estimator_feels_the_drivetrain_delay_that_the_vehicle_has():
+def test_the_estimator_models_the_drivetrain_delay_of_the_vehicle():
     late = Planar(
         mass_kg=0.61, inertia_kg_m2=0.0015, actuator_matrix=T, friction=FRICTION,
         drivetrain=Drivetrain(delay_s=0.03, delay_slots=3, limit=np.array([0.5, 0.5, 0.5])),
@@ -194,7 +194,7 @@ def test_the_estimator_feels_the_drivetrain_delay_that_the_vehicle_has():
         ),
     ],
 )
-def test_bad_settings_are_refused_in_words(options, words):
+def test_bad_settings_are_refused_with_a_reason(options, words):
     options = {"process_noise_cov": R} | options
     with refused(words[0], ValueError, **words[1]):
         Ekf(SMALL, Sensors(IMU), **options)

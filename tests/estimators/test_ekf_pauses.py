@@ -1,4 +1,4 @@
-"""A pause in the ticks gives no nonsense: it is split into rows, then the prediction is held and grows less certain."""
+"""A pause in the ticks is split into rows; after one second the mean is constant and the uncertainty grows."""
 
 from functools import cache
 
@@ -100,7 +100,7 @@ def kernel(name):
 @pytest.mark.parametrize("backend", ["c", "plain"])
 @pytest.mark.parametrize("pause_ms", [25, 300, 500, 1000])
 @pytest.mark.parametrize("name", GARAGE)
-def test_after_a_pause_the_belief_is_that_of_silent_ticks(name, pause_ms, backend):
+def test_a_pause_equals_the_same_number_of_ticks_without_readings(name, pause_ms, backend):
     belief, period = moving(name)
     block = ekf(name).block if backend == "plain" else ekf(name)
     paused, _ = block.step(belief, tick(name, 1000 + pause_ms))
@@ -123,7 +123,7 @@ def test_a_measurement_after_a_pause_corrects_at_its_own_tick(name):
 
 @pytest.mark.parametrize("call", ["step", "row"])
 @pytest.mark.parametrize("name", GARAGE)
-def test_beyond_a_second_the_mean_is_held_and_the_covariance_grows(name, call):
+def test_after_one_second_of_pause_only_the_covariance_grows(name, call):
     belief, _ = moving(name)
     step = getattr(
         ekf(name).block if name == "car" else ekf(name), call
@@ -141,7 +141,7 @@ def test_beyond_a_second_the_mean_is_held_and_the_covariance_grows(name, call):
 
 
 @pytest.mark.parametrize("name", GARAGE)
-def test_a_million_rows_of_any_length_leave_it_finite_and_positive_definite(name):
+def test_covariance_stays_positive_definite_over_a_million_rows_of_any_length(name):
     belief = ekf(name).init()
     last = 0
     for seed in range(20):
@@ -151,12 +151,12 @@ def test_a_million_rows_of_any_length_leave_it_finite_and_positive_definite(name
         last = int(ticks.t_ns[-1])
         assert sound(mean[::5], cov[::5])
         assert np.isfinite(mean).all()
-    assert np.sqrt(cov[:, 0, 0].max()) > 100.0, "it knows that it is lost"
+    assert np.sqrt(cov[:, 0, 0].max()) > 100.0, "its covariance shows that it is lost"
     assert np.sqrt(cov[:, 0, 0].max()) <= 2000.0
 
 
 @pytest.mark.parametrize("name", GARAGE)
-def test_a_million_ticks_of_ten_seconds_overflow_nothing(name):
+def test_a_million_ticks_of_ten_seconds_cause_no_overflow(name):
     ticks = random_ticks(name, 100_000, 0)
     belief, last = ekf(name).init(), 0
     for _ in range(10):
@@ -177,7 +177,7 @@ def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(nam
 
 
 @pytest.mark.parametrize("name", GARAGE)
-def test_back_ends_agree_over_pauses(name):
+def test_the_back_ends_agree_over_pauses(name):
     belief = ekf(name).init()
     for each_tick in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
         belief, *beliefs = (
@@ -191,7 +191,7 @@ def test_back_ends_agree_over_pauses(name):
 
 
 @pytest.mark.parametrize("name", BOTH)
-def test_a_scan_over_split_ticks_gives_what_the_steps_give(name):
+def test_a_scan_over_split_ticks_equals_single_steps(name):
     ticks = random_ticks(name, 300, 7)
     rows, at = split(ticks, load(name).rate_hz)
     _, (mean, cov) = kernel(name).run(rows)
@@ -206,7 +206,7 @@ def test_a_scan_over_split_ticks_gives_what_the_steps_give(name):
         np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=rtol)
 
 
-def test_ticks_that_jitter_are_not_split_and_a_pause_is_in_rows_of_a_period():
+def test_jitter_is_not_split_and_a_pause_is_split_by_period():
     assert silent_times(0, 20 * MS, 100.0) == []
     assert silent_times(0, 24 * MS, 50.0) == []
     assert silent_times(-1, 900 * MS, 100.0) == [], "before the first tick was no pause"
@@ -217,8 +217,8 @@ def test_ticks_that_jitter_are_not_split_and_a_pause_is_in_rows_of_a_period():
     assert (len(rows), rows[-1]) == (98, 980 * MS), "and the last row moves for 20 ms"
 
 
-def test_a_pause_makes_the_delay_of_the_commands_neither_longer_nor_shorter():
-    """The car's 80 ms: a command that is new after a pause is felt four periods later, as without a pause."""
+def test_a_pause_does_not_change_the_command_delay():
+    """The car's 80 ms: a new command after a pause acts four periods later, as without a pause."""
     block = ekf("car, ekf").block
 
     def efforts(times):

@@ -29,7 +29,7 @@ def tick(k, **readings):
     return Tick(k * 10_000_000, np.zeros(3), Sensors(**slots))
 
 
-def test_only_the_sensors_in_use_correct_and_report():
+def test_only_the_sensors_in_use_correct_the_state_and_have_innovations():
     imu_only, every = Ekf(SMALL, SENSORS, R), Ekf(SMALL, SENSORS, R, use=ALL)
     readings = {"imu": (0, 0, 0), "wheels": (0.02, 0.02)}
     _, a = imu_only.step(imu_only.init(), tick(1, **readings))
@@ -43,7 +43,7 @@ def test_only_the_sensors_in_use_correct_and_report():
     assert np.all(b.innovation_cov[:3, 3:] == 0.0)
 
 
-def test_a_pose_bounds_what_an_imu_alone_leaves_to_drift():
+def test_a_pose_measurement_bounds_the_drift_of_an_imu():
     filter_ = Ekf(SMALL, SENSORS, R, use=ALL)
     belief, resting = filter_.init(), {"imu": (0, 0, 0)}
     spread = []
@@ -55,7 +55,7 @@ def test_a_pose_bounds_what_an_imu_alone_leaves_to_drift():
     assert spread[149] < 0.5 * spread[148]
 
 
-def test_a_pose_on_the_other_side_of_pi_is_near():
+def test_a_pose_innovation_is_wrapped_across_pi():
     filter_ = Ekf(SMALL, SENSORS, R, use=ALL, initial_std=np.full(9, 0.05))
     belief = filter_.init(eta=np.array([0.0, 0.0, np.pi - 0.02]))
     _, estimate = filter_.step(belief, tick(1, pose=(0.0, 0.0, -np.pi + 0.02)))
@@ -63,7 +63,7 @@ def test_a_pose_on_the_other_side_of_pi_is_near():
     assert estimate.eta[2] < -3.1 or estimate.eta[2] > 3.13
 
 
-def test_a_spike_of_one_sensor_does_not_shut_out_the_others():
+def test_a_spike_of_one_sensor_does_not_reject_the_other_sensors():
     filter_ = Ekf(SMALL, SENSORS, R, use=ALL)
     belief, _ = filter_.step(filter_.init(), tick(1, imu=(0, 0, 0)))
     hit, _ = filter_.step(belief, tick(2, imu=(90.0, 0, 0), wheels=(0.02, 0.02)))

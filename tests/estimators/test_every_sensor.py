@@ -53,7 +53,7 @@ def _first(leaf):
     ("kind", "estimator"),
     [(k, e) for k in SENSORS for e in KINDS] + [("tags", "unscented"), ("compass", "unscented")],
 )
-def test_an_estimate_stays_finite_and_its_error_within_what_it_claims(kind, estimator):
+def test_an_estimate_is_finite_and_its_error_matches_its_covariance(kind, estimator):
     file, run = drive_with(kind, SENSORS[kind])
     assert len(run.sensors[kind].z) > 0
     estimate = through(file, run, estimator, ("imu", kind))
@@ -66,7 +66,7 @@ def test_an_estimate_stays_finite_and_its_error_within_what_it_claims(kind, esti
 
 
 @pytest.mark.parametrize("kind", ["tags", "beacon", "rangefinder", "pose"])
-def test_who_shows_the_place_makes_it_more_certain(kind):
+def test_a_position_sensor_reduces_the_position_uncertainty(kind):
     file, run = drive_with(kind, SENSORS[kind])
     with_it, without = (through(file, run, "augmented_ekf", use).cov[-1] for use in (("imu", kind), ("imu",)))
     assert np.trace(with_it[:2, :2]) < 0.7 * np.trace(without[:2, :2])

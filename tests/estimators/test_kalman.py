@@ -15,7 +15,7 @@ def _case(seed: int, n: int = 6, m: int = 3):
 
 
 @given(st.integers(0, 10_000))
-def test_numbers_one_by_one_give_what_all_at_once_give(seed):
+def test_sequential_corrections_equal_one_joint_correction(seed):
     P, y, H, Q = _case(seed)
     S = H @ P @ H.T + Q
     K = np.linalg.solve(S, H @ P).T
@@ -58,7 +58,7 @@ def test_es3_covariance_stays_positive_where_a_measurement_is_almost_exact():
         assert np.linalg.eigvalsh(P)[0] > -1e-18
 
 
-def test_a_considered_state_never_moves_and_its_uncertainty_counts():
+def test_a_considered_state_does_not_move_but_its_uncertainty_counts():
     """Schmidt: a scale of unknown size acts on what is measured. The covariance is that of many draws."""
     P, H, Q = np.diag([1.0, 0.25]), np.array([[1.0, 2.0]]), np.array([0.5])
     estimated = np.array([1.0, 0.0])
@@ -73,7 +73,7 @@ def test_a_considered_state_never_moves_and_its_uncertainty_counts():
     assert correction.cov == pytest.approx(np.cov(errors.T), abs=0.01)
 
 
-def test_a_weight_is_more_noise():
+def test_a_smaller_weight_acts_as_more_noise():
     P, y, H, _ = _case(3)
     s = H[0] @ P @ H[0] + 0.3
     weighted = correct(P, y[:1], H[:1], np.array([0.3]), weight=lambda c, e, s: 0.25)
@@ -85,7 +85,7 @@ def test_a_weight_is_more_noise():
     assert without_weight.cov == pytest.approx(P)
 
 
-def test_independent_numbers_have_the_same_information():
+def test_decorrelated_measurements_have_the_same_information():
     _, y, H, Q = _case(4)
     v, rows, q = independent(y, H, Q)
     assert (rows.T / q) @ v == pytest.approx(H.T @ np.linalg.solve(Q, y))

@@ -31,7 +31,7 @@ def steady(turning_gain):
 
 
 @pytest.mark.parametrize("turning_gain", [0.7, 1.0, 1.4])
-def test_the_heading_is_the_gyros_whatever_the_model_says(turning_gain):
+def test_the_heading_follows_the_gyro_with_any_model(turning_gain):
     rng = np.random.default_rng(1)
     block = AugmentedEkf(
         steady(turning_gain), SENSORS, use=("imu[2]",), disturbance_std=np.array([0.3, 0.5]),

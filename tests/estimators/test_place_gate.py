@@ -56,19 +56,19 @@ def driving():
     return after(ekf().init(), 2.0)
 
 
-def test_a_tag_that_agrees_is_believed(driving):
+def test_a_consistent_tag_is_accepted(driving):
     correction_m, posterior = moved_by(driving, LATER, np.array([0.02, 0.0]))
     assert correction_m == pytest.approx([0.02, 0.0], abs=1e-3)
     assert np.sqrt(posterior.cov[0, 0]) == pytest.approx(0.01, rel=0.1)
 
 
-def test_a_tag_that_is_taken_for_another_moves_nothing_though_one_of_its_numbers_agrees(driving):
+def test_a_confused_tag_does_not_move_the_estimate_if_one_coordinate_agrees(driving):
     correction_m, posterior = moved_by(driving, LATER, np.array([2.0, 0.005]))
     assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
     assert posterior.cov == pytest.approx(after(driving, LATER).cov, rel=0.01, abs=1e-6)
 
 
-def test_two_mistakes_in_a_row_move_nothing_widen_nothing_and_the_next_right_one_is_believed(driving):
+def test_two_confused_tags_are_rejected_and_the_next_correct_tag_is_accepted(driving):
     """The same tag taken for the same other one, twice: what a vehicle would show that was carried."""
     once, twice = after(driving, LATER, OTHER), after(after(driving, LATER, OTHER), LATER, OTHER)
     silent = after(after(driving, LATER), LATER)
@@ -79,7 +79,7 @@ def test_two_mistakes_in_a_row_move_nothing_widen_nothing_and_the_next_right_one
     assert correction_m == pytest.approx([0.02, 0.0], abs=2e-3)
 
 
-def test_a_mistake_that_is_read_twice_is_one(driving):
+def test_a_confused_tag_read_twice_counts_once(driving):
     belief = driving
     for _ in range(2):
         belief = after(after(belief, LATER, OTHER), SOON, OTHER)
@@ -87,7 +87,7 @@ def test_a_mistake_that_is_read_twice_is_one(driving):
     assert belief.place_doubt.past.witness == pytest.approx([0.0])
 
 
-def test_a_vehicle_that_is_carried_to_just_where_a_mistake_would_show_it_is_found_by_the_fourth_tag(driving):
+def test_four_equal_tag_readings_relocate_a_carried_vehicle(driving):
     belief = driving
     for _ in range(3):
         correction_m, belief = moved_by(belief, LATER, OTHER)
@@ -96,7 +96,7 @@ def test_a_vehicle_that_is_carried_to_just_where_a_mistake_would_show_it_is_foun
     assert correction_m == pytest.approx(OTHER, abs=0.05)
 
 
-def test_who_hardly_knows_where_it_is_believes_the_likelier_of_right_and_mistaken():
+def test_an_uncertain_estimate_accepts_the_likelier_tag():
     """0.3 m of deviation: the other tag is 3.3 of them away, within the gate."""
     start = after(ekf().init(), 1.0, u=(0.0, 0.0, 0.0))
     wide = start._replace(cov=start.cov + np.diag([0.09, 0.09, *np.zeros(len(start.mean) - 2)]))
@@ -106,7 +106,7 @@ def test_who_hardly_knows_where_it_is_believes_the_likelier_of_right_and_mistake
     assert correction_m == pytest.approx([0.25, -0.3], abs=0.02)
 
 
-def test_a_vehicle_that_was_carried_is_found_by_the_second_tag_that_says_so(driving):
+def test_the_second_consistent_tag_relocates_a_carried_vehicle(driving):
     carried_m = np.array([0.6, -0.5])
     correction_m, doubting = moved_by(driving, LATER, carried_m)
     assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
@@ -117,7 +117,7 @@ def test_a_vehicle_that_was_carried_is_found_by_the_second_tag_that_says_so(driv
     assert np.all(np.abs(correction_m) > 0.005)
 
 
-def test_a_reading_that_is_reported_twice_is_not_a_second_witness(driving):
+def test_a_repeated_reading_is_not_a_second_confirmation(driving):
     far = np.array([1.0, 0.3])
     doubting = after(driving, LATER, far)
     correction_m, twice = moved_by(doubting, SOON, far)
@@ -126,7 +126,7 @@ def test_a_reading_that_is_reported_twice_is_not_a_second_witness(driving):
     assert correction_m == pytest.approx(far, abs=0.05)
 
 
-def test_two_that_contradict_each_other_widen_the_region_and_the_third_decides(driving):
+def test_two_contradicting_tags_widen_the_region_and_the_third_decides(driving):
     doubting = after(driving, LATER, np.array([2.0, 0.0]))
     correction_m, wide = moved_by(doubting, LATER, np.array([-2.0, 0.0]))
     assert correction_m == pytest.approx(np.zeros(2), abs=0.02)
@@ -135,7 +135,7 @@ def test_two_that_contradict_each_other_widen_the_region_and_the_third_decides(d
     assert correction_m == pytest.approx([0.3, 0.1], abs=0.03)
 
 
-def test_a_doubt_makes_no_scale_nor_bias_less_certain_than_it_was_at_the_start(driving):
+def test_a_doubt_does_not_widen_scales_or_biases_beyond_their_start(driving):
     wide = after(after(driving, LATER, np.array([50.0, 0.0])), LATER, np.array([-50.0, 0.0]))
     start = np.sqrt(np.diag(ekf().init().cov))
     sd = np.sqrt(np.diag(wide.cov))
@@ -145,14 +145,14 @@ def test_a_doubt_makes_no_scale_nor_bias_less_certain_than_it_was_at_the_start(d
     assert np.linalg.eigvalsh(wide.cov)[0] > 0.0
 
 
-def test_what_was_believed_ends_a_doubt(driving):
+def test_an_accepted_tag_ends_a_doubt(driving):
     far, near = np.array([1.0, 0.3]), np.zeros(2)
     calm = after(after(driving, LATER, far), LATER, near)
     correction_m, _ = moved_by(calm, LATER, far)
     assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
 
 
-def test_a_camera_that_jumps_for_good_is_followed_after_a_second():
+def test_a_permanent_camera_jump_is_followed_after_one_second():
     """25 poses a second, 1 m beside where it was from one to the next."""
     sensors = sensor_slots(("imu", "pose"))
     block = compiled(
@@ -170,7 +170,7 @@ def test_a_camera_that_jumps_for_good_is_followed_after_a_second():
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
-def test_the_square_is_that_of_the_inverse(m):
+def test_the_normalised_square_equals_that_of_the_inverse_matrix(m):
     rng = np.random.default_rng(m)
     L, y = rng.normal(size=(m, m)), rng.normal(size=m)
     S = L @ L.T + np.eye(m)

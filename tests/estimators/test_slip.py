@@ -1,4 +1,4 @@
-"""Wheels that slip for a while: how far off the recommended filter says it is."""
+"""Wheels that slip for a while: the stated uncertainty of the recommended filter."""
 
 from dataclasses import replace
 
@@ -62,20 +62,20 @@ def with_slip():
     return errors_and_claims(ODOMETER)
 
 
-def test_way_and_speed_are_as_wrong_as_claimed_where_wheels_slip(with_slip):
+def test_distance_and_speed_errors_match_their_covariance_under_wheel_slip(with_slip):
     """χ² of 60 drives over 60: between 0.55 and 1.6 in all but 1 of 1000."""
     error, claim = with_slip
     for nees in np.mean(error**2 / claim, axis=0):
         assert 0.55 < nees < 1.6
 
 
-def test_who_takes_slip_for_white_noise_is_too_sure():
+def test_slip_modelled_as_white_noise_gives_too_small_a_covariance():
     error, claim = errors_and_claims(replace(ODOMETER, slip_std=0.0))
     assert np.all(np.mean(error**2 / claim, axis=0) > 3.0)
 
 
 @pytest.mark.parametrize(("sensor", "wheels"), [(Odometer(), 1), (Wheels(0.1), 2), (Encoders(0.1, 1e-4), 2)])
-def test_wheels_slip_independently(sensor, wheels):
+def test_the_two_wheels_slip_independently(sensor, wheels):
     variance, fade_s, period_s = slips(
         sensor_slots(("wheels",))(sensor), {"wheels": tuple(range(sensor.size))}
     )

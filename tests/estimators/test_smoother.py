@@ -86,7 +86,7 @@ def batch(ticks, start, cov):
     return np.array([x[i] for i in at]), np.array([cov[i, i] for i in at])
 
 
-def test_it_is_the_least_squares_solution_over_the_whole_run():
+def test_the_smoother_equals_the_least_squares_solution_over_the_whole_run():
     ticks, start = drive(40, 61), np.zeros(N)
     block = Linear(start, P0)
     mean, cov = smooth(block, block.init(), ticks, "python")
@@ -96,7 +96,7 @@ def test_it_is_the_least_squares_solution_over_the_whole_run():
     assert np.array_equal(cov, np.swapaxes(cov, 1, 2))
 
 
-def test_what_is_certain_stays_so():
+def test_states_with_zero_variance_stay_certain():
     """A start of which two entries are known and a process without noise in one of them: no inverse exists."""
     certain = P0.copy()
     certain[0, 0] = certain[3, 3] = 0.0
@@ -171,7 +171,7 @@ def blind(ticks):
     return ticks._replace(sensors=ticks.sensors._replace(pose=pose._replace(has=0.0 * pose.has)))
 
 
-def test_moving_and_turning_the_map_moves_and_turns_what_is_smoothed():
+def test_the_smoothed_estimate_moves_and_turns_with_the_map():
     _, ticks = circle(60, 64, np.zeros(3))
     block, start = Ekf(SMALL, SENSORS, NOISE), np.array([3.0, -2.0, 2.9])
     original, _ = smooth(block, block.init(), ticks, "python")

@@ -72,7 +72,7 @@ def filterpys(x, P):
     return ukf, before
 
 
-def test_it_gives_the_numbers_of_filterpy():
+def test_the_unscented_filter_equals_filterpy():
     """Headings that differ by 0.01 rad at most, where filterpy's mean of them is that of this house."""
     block = Unscented(SMALL, Sensors(IMU), R, gate_sigma=np.inf, initial_std=1e-2 * BROAD)
     belief = block.init()
@@ -90,7 +90,7 @@ def test_it_gives_the_numbers_of_filterpy():
         np.testing.assert_allclose(estimate.innovation_cov, ukf.S, rtol=1e-5, atol=1e-9)
 
 
-def test_a_linear_function_is_met_exactly_and_a_square_has_its_mean():
+def test_the_transform_is_exact_for_linear_functions_and_means_of_squares():
     rng = np.random.default_rng(51)
     A, G = rng.normal(size=(5, 5)), rng.normal(size=(3, 5))
     x = Gaussian(np.zeros(5), A @ A.T)
@@ -106,14 +106,14 @@ def test_a_linear_function_is_met_exactly_and_a_square_has_its_mean():
     np.testing.assert_allclose(square.mean, [4.0, 9.0, 0.01], rtol=1e-12)
 
 
-def test_the_mean_of_headings_on_both_sides_of_pi_lies_between_them():
+def test_the_mean_heading_across_pi_is_correct():
     x = Gaussian(np.array([0.0, 0.0, np.pi - 0.01]), np.diag([1e-6, 1e-6, 0.04]))
     moments = spread(lambda p: np.array([wrap(p[2] - x.mean[2])]), x)
     assert abs(moments.mean[0]) < 1e-12
     assert moments.odd[0] @ moments.odd[0] == pytest.approx(0.04)
 
 
-def test_the_root_of_a_covariance_bears_what_is_certain():
+def test_the_square_root_of_a_singular_covariance_is_correct():
     rng = np.random.default_rng(52)
     A = rng.normal(size=(6, 4))
     P = np.zeros((8, 8))
@@ -121,7 +121,7 @@ def test_the_root_of_a_covariance_bears_what_is_certain():
     np.testing.assert_allclose(root(P) @ root(P).T, P, atol=1e-12)
 
 
-def test_where_the_heading_is_unsure_it_knows_the_pose_better_than_the_ekf():
+def test_an_uncertain_heading_gives_a_more_accurate_pose_than_the_ekf():
     """Straight on for 2 s from a heading known to 0.3 rad: the mean way ahead is shorter by e^(−σ²/2)."""
     sigma, quiet = 0.3, Sensors(Slot(0.0, np.zeros(3)))
     std = np.array([1e-3, 1e-3, sigma, *np.full(6, 1e-3)])
@@ -135,7 +135,7 @@ def test_where_the_heading_is_unsure_it_knows_the_pose_better_than_the_ekf():
     assert poses[1] / poses[0] == pytest.approx(np.exp(-(sigma**2) / 2.0), rel=0.005)
 
 
-def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_parameters():
+def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     """R of ν is the truth's floor; that of ν̇ is small beside the accelerometer's noise."""
     n, ticks = 5, 400
     physics = draw_robots(n, 7)
@@ -164,7 +164,7 @@ def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_paramet
     assert np.all(np.abs(np.mean(nis, axis=0) - 1.0) < 0.15), f"NIS {np.mean(nis, axis=0)}"
 
 
-def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
+def test_the_estimate_moves_and_turns_with_the_map_across_pi():
     start = np.array([3.0, -2.0, 3.1])
     block = compiled(Unscented(SMALL, Sensors(IMU), R), "python")
     original, moved_belief = block.init(), block.init(eta=start)
@@ -178,7 +178,7 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
         assert abs(b.eta[2]) <= np.pi
 
 
-def test_a_pose_on_the_other_side_of_pi_is_near():
+def test_a_pose_innovation_is_wrapped_across_pi():
     sensors = sensor_slots(("pose",))(Pose(noise_std=np.array([0.01, 0.01, 0.02])))
     block = Unscented(SMALL, sensors, R, use=("pose",), initial_std=np.full(9, 0.05))
     slot = sensor_slots(("pose",))(Slot(1.0, np.array([0.0, 0.0, -np.pi + 0.02])))
@@ -189,7 +189,7 @@ def test_a_pose_on_the_other_side_of_pi_is_near():
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_it_keeps_every_promise_of_a_block_and_compiles(name):
+def test_the_unscented_filter_passes_the_block_check_and_compiles(name):
     file = load(name)
     block = file.estimator(kind="unscented")
     assert check_estimator(block, file.sensors, file.vehicle.commands) == []
@@ -206,6 +206,6 @@ def test_it_keeps_every_promise_of_a_block_and_compiles(name):
         ),
     ],
 )
-def test_what_it_cannot_serve_is_refused_in_words(options, words):
+def test_unsupported_settings_are_refused_with_a_reason(options, words):
     with refused(words[0], ValueError, **words[1]):
         Unscented(**{"vehicle": SMALL, "sensors": Sensors(IMU), "process_noise_cov": R} | options)

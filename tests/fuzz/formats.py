@@ -94,7 +94,7 @@ def log(rows: int = 40) -> str:
 
 @contextmanager
 def mcap(folder: Path) -> Iterator[Callable[[int], object]]:
-    """A run: what is damaged is said, and what is not said is as it was."""
+    """A run: its damage is reported, and everything else is unchanged."""
     small, paths = load("small"), [folder / "short.mcap", folder / "long.mcap"]
     runs = [
         write_run(experiment(small, np.tile([0.5, 0.0, 0.1], (n, 1))), p)
@@ -139,7 +139,7 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def column_map(folder: Path) -> Iterator[Callable[[int], object]]:
-    """A map that somebody wrote, of a recording that is whole."""
+    """A hand-written map of a sound recording."""
     (folder / "log.csv").write_text(log(), encoding="utf-8")
     path = folder / "map.toml"
 
@@ -256,7 +256,7 @@ class _Guest:
         return line
 
     def answered(self, word: bytes, number: int) -> bytes:
-        """Return what the vehicle says until it answers the ping after a word; Hang where it does not."""
+        """Return the messages of the vehicle until it answers the ping after a word; Hang if it does not."""
         token, answer = f"ping-{number}".encode(), b""
         try:
             self.line.sendall(word + b'\n{"do": "ping", "token": "' + token + b'"}\n')

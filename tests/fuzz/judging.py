@@ -21,7 +21,7 @@ class Hang(FromOutside):
 
 
 class Silent(Exception):
-    """A file reads differently from its original, and nothing says so, though it has a checksum."""
+    """A file with a checksum reads differently from its original without any report."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Damaged inputs of every format that comes from others: an error of ours with its code, or a value.
+"""Damaged inputs of every external format: each gives a baqueano error with its code, or a value.
 
 `make fuzz` judges 20,000 inputs a format (BAQUEANO_FUZZ=20000), otherwise as many as come in SHARE_S, and at least
 LEAST. The input of a number and a seed is always the same: a finding says what to type for it alone. The public service
@@ -41,7 +41,7 @@ def numbers() -> Iterator[int]:
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_damaged_input_is_an_error_of_ours_or_a_value(name, tmp_path, monkeypatch):
+def test_a_damaged_input_gives_a_baqueano_error_or_a_value(name, tmp_path, monkeypatch):
     if name == "door" and not hasattr(socket, "AF_UNIX"):
         pytest.skip("the door of a vehicle listens at a unix socket")
     monkeypatch.chdir(tmp_path)
@@ -60,7 +60,7 @@ def repeat_line(name, outcome):
     )
 
 
-def test_a_finding_is_judged_again_by_what_is_typed(monkeypatch):
+def test_a_fuzz_finding_is_repeated_by_the_printed_command(monkeypatch):
     outcome = Outcome(findings={"hang": [17, 30]})
     (line,) = repeat_line("csv", outcome).splitlines()
     assert f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ=17:18 pytest" in line
@@ -76,7 +76,7 @@ def ours_or_a_value(reader, *inputs):
 
 @settings(max_examples=40, derandomize=True)
 @given(noise=st.binary(max_size=200))
-def test_noise_is_an_error_of_ours_or_a_value(noise, tmp_path_factory):
+def test_noise_gives_a_baqueano_error_or_a_value(noise, tmp_path_factory):
     folder = tmp_path_factory.getbasetemp()
     for name, reader in (("x.mcap", read_run), ("x.toml", load), ("m.toml", load_map), ("x.csv", read_route)):
         for data in (noise, b"\x89MCAP0\r\n" + noise):
@@ -90,7 +90,7 @@ def test_noise_is_an_error_of_ours_or_a_value(noise, tmp_path_factory):
     text=st.text(max_size=100),
     value=st.recursive(st.none() | st.floats() | st.text(), st.lists, max_leaves=5),
 )
-def test_texts_and_values_of_any_kind_are_an_error_of_ours_or_a_value(text, value):
+def test_arbitrary_texts_and_values_give_a_baqueano_error_or_a_value(text, value):
     ours_or_a_value(parse, text, "x.toml")
     ours_or_a_value(parse, f"format = 1\nname = {value!r}\nrate_hz = {value!r}\n", "x.toml")
     ours_or_a_value(Mission.of_json, text)

@@ -1,4 +1,4 @@
-"""What the fuzzer found, each once."""
+"""Faults that the fuzzer detected, each tested once."""
 
 import json
 
@@ -35,24 +35,24 @@ def test_the_recording_of_the_fuzzer_is_sound(import_log):
 @pytest.mark.parametrize(
     "key", ["scale = 0.00392157", "radius_m = 0.03", "split_gap_s = 5.0", "counts_per_turn = 600"]
 )
-def test_a_whole_number_of_a_map_that_no_double_holds_is_refused(import_log, key):
+def test_a_map_integer_beyond_the_double_range_is_refused(import_log, key):
     with refused("map.wrong", FileError):
         import_log(key, f"{key.split(' = ')[0]} = {'9' * 400}")
 
 
-def test_a_word_that_no_row_has_is_reported_also_where_it_is_a_number_without_end(import_log):
+def test_an_absent_row_value_of_400_digits_is_refused(import_log):
     with pytest.raises(FileError):
         import_log("ok = 1", f"ok = {'9' * 400}")
 
 
 @pytest.mark.parametrize("name", ["x" * 5000 + ".csv", "**x/*.csv", "/*.csv/**"])
-def test_a_file_name_that_no_system_takes_is_of_no_file(import_log, name):
+def test_an_impossible_file_name_is_a_missing_file(import_log, name):
     with refused("import.file-absent", FileError):
         import_log("log.csv", name)
 
 
 @pytest.mark.parametrize("time", ["1e305", "9223372036854775807", "-9223372036854775808", "9" * 300])
-def test_a_time_that_64_bits_do_not_hold_is_not_known(import_log, time):
+def test_a_time_beyond_64_bits_is_refused_or_left_out(import_log, time):
     """In milliseconds it became another time, without a word."""
     try:
         runs = import_log(of_log=("\n20,", f"\n{time},"))
@@ -61,12 +61,12 @@ def test_a_time_that_64_bits_do_not_hold_is_not_known(import_log, time):
     assert all(imported_run.run.duration_s < 1.0 for imported_run in runs)
 
 
-def test_wraps_so_small_that_nothing_is_known_of_the_count(import_log):
+def test_an_extremely_small_wraps_value_is_refused(import_log):
     with pytest.raises(FileError):
         import_log("wraps = 65536", "wraps = 5e-324")
 
 
-def test_a_pose_at_the_end_of_the_world_takes_no_memory():
+def test_an_extremely_distant_pose_uses_no_extra_memory():
     eta = np.zeros((50, 3))
     eta[:, 0] = 0.01 * np.arange(50)
     eta[20, 0] = 1e15
@@ -82,13 +82,13 @@ def test_a_pose_at_the_end_of_the_world_takes_no_memory():
         ("vehicle", "3"), ("kind", "null"),
     ],
 )  # fmt: skip
-def test_a_mission_with_a_field_of_another_kind_is_refused(name, value):
+def test_a_mission_with_a_field_of_wrong_type_is_refused(name, value):
     whole = json.loads(Mission("experiment", u=np.zeros((1, 3))).json())
     text = json.dumps(whole | {name: "HERE"}).replace('"HERE"', value)
     with refused("mission.damaged", UsageError):
         Mission.of_json(text)
 
 
-def test_a_route_that_nobody_can_drive_can_be_shown():
+def test_an_impossible_route_can_still_be_displayed():
     ends = np.array([[-1e308, 0.0, 0.0], [1e308, 0.0, 0.0], [-1e308, 0.0, 0.0]])
     assert "3 poses" in repr(Route(np.arange(3.0), ends, ends, False))

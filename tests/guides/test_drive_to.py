@@ -1,4 +1,4 @@
-"""A way from where the vehicle stands: it arrives, within its radius and its speed."""
+"""A path from the pose of the vehicle: it reaches its goal within its radius and its speed."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def followed(guide, start, ticks=1500):
     return state, out
 
 
-def test_the_way_ends_at_its_goal_and_is_no_shorter_than_a_line():
+def test_the_shortest_path_ends_at_its_goal():
     rng = np.random.default_rng(0)
     for _ in range(500):
         start, goal = rng.uniform(-2.0, 2.0, (2, 3)) * [1.0, 1.0, 3.0]
@@ -43,7 +43,7 @@ def test_the_way_ends_at_its_goal_and_is_no_shorter_than_a_line():
         assert way.length_m >= np.hypot(*(goal - start)[:2]) - 1e-9
 
 
-def test_ways_that_a_pencil_finds():
+def test_shortest_paths_match_hand_calculations():
     zero, quarter = np.zeros(3), np.array([1.0, 1.0, np.pi / 2])
     assert shortest(zero, np.array([2.0, 0.0, 0.0]), 0.5).length_m == pytest.approx(2.0)
     assert shortest(zero, quarter, 1.0).length_m == pytest.approx(np.pi / 2)
@@ -52,7 +52,7 @@ def test_ways_that_a_pencil_finds():
 
 @pytest.mark.parametrize(("radius_m", "speed_m_s"), [SMALL, CAR], ids=["small", "car"])
 @pytest.mark.parametrize("start", [(0.1, 0.2, 0.5), (-1.0, -0.3, 2.5), (0.0, -0.4, -0.5)])
-def test_it_leads_onto_a_route_within_radius_and_speed(start, radius_m, speed_m_s):
+def test_the_guide_joins_a_route_within_radius_and_speed(start, radius_m, speed_m_s):
     route = circle(2.0, speed_m_s)
     guide = DriveTo.join(route, radius_m=radius_m, speed_m_s=speed_m_s)
     state, out = followed(guide, start)
@@ -68,7 +68,7 @@ def test_it_leads_onto_a_route_within_radius_and_speed(start, radius_m, speed_m_
     assert out[-1].done == 1.0
 
 
-def test_the_velocity_is_that_of_its_poses():
+def test_the_reference_velocity_is_the_derivative_of_its_poses():
     _, out = followed(DriveTo([[1.0, 0.8, 2.0]]), (0.0, 0.0, 0.0))
     eta, nu = np.array([r.eta for r in out[1:-1]]), np.array([r.nu for r in out[1:-1]])
     off = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - nu[1:, 2])
@@ -78,7 +78,7 @@ def test_the_velocity_is_that_of_its_poses():
     np.testing.assert_allclose(speeds, nu[1:, 0], atol=2e-3)
 
 
-def test_it_begins_at_the_speed_that_the_vehicle_has_and_arrives_at_rest():
+def test_the_guide_begins_at_the_vehicle_speed_and_ends_at_rest():
     guide = DriveTo([[2.0, 0.0, 0.0]], speed_m_s=0.5, acceleration_m_s2=0.25)
     _, first = guide.step(guide.init(), at(np.zeros(3), v=0.4))
     assert first.nu[0] == pytest.approx(0.4)
@@ -89,14 +89,14 @@ def test_it_begins_at_the_speed_that_the_vehicle_has_and_arrives_at_rest():
     assert v[-1] == 0.0
 
 
-def test_a_vehicle_that_is_there_has_arrived():
+def test_a_vehicle_at_its_goal_has_arrived():
     guide = DriveTo.join(eight(0.6, 0.2))
     state, reference = guide.step(guide.init(), at([0.004, 0.004, np.radians(1.0)]))
     assert reference.done == 1.0
     assert state.goal[0] == 0.0
 
 
-def test_a_route_that_is_driven_backward_is_reached_backward():
+def test_a_backward_route_is_reached_backward():
     route = reverse(line(2.0, 0.2), backing=True)  # from x = 2 to 0, heading along x
     _, out = followed(DriveTo.join(route), (2.4, 0.1, 0.1))
     assert all(r.nu[0] <= 0.0 for r in out)
@@ -104,11 +104,11 @@ def test_a_route_that_is_driven_backward_is_reached_backward():
     assert 1.0 <= out[-1].eta[0] <= 2.001
 
 
-def test_it_keeps_every_promise_of_a_guide():
+def test_drive_to_passes_the_guide_check():
     assert check_guide(DriveTo([[1.0, 0.5, 1.0]])) == []
 
 
-def test_compiled_and_as_written_it_gives_the_same_reference():
+def test_compiled_and_uncompiled_guides_give_the_same_reference():
     guide = DriveTo([[1.0, 0.5, 1.0], [1.5, 0.2, 0.4]], (0.0, 2.0), (0.2, -0.2))
     state, _ = guide.step(guide.init(), at([0.1, 0.2, 0.7]))
     for state_k, now in (

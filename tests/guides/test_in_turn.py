@@ -10,7 +10,7 @@ from tests.guides.test_drive_to import DT, at, followed
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 @pytest.mark.parametrize("start", [(0.1, 0.2, 0.5), (-0.5, -0.3, 1.5)])
-def test_the_route_goes_on_where_the_way_meets_it_without_a_jump(kind, start):
+def test_lead_in_and_route_join_without_a_jump(kind, start):
     route = eight(0.6, 0.2)
     guide = InTurn.led_in(kind.along(route), route)
     state, out = followed(guide, start)
@@ -22,7 +22,7 @@ def test_the_route_goes_on_where_the_way_meets_it_without_a_jump(kind, start):
 
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
-def test_a_way_that_is_shorter_than_the_route_to_there_leads_on_too(kind):
+def test_a_lead_in_shorter_than_the_route_works(kind):
     """From inside of a circle: it joins at a time of the route that is later than the time of the drive."""
     route = circle(0.4, 0.25)
     state, out = followed(InTurn.led_in(kind.along(route), route, radius_m=0.15), (0.0, 0.2, 0.5))
@@ -32,7 +32,7 @@ def test_a_way_that_is_shorter_than_the_route_to_there_leads_on_too(kind):
     assert len(out) * DT < route.t_s[-1] + 1.5  # no part twice
 
 
-def test_from_the_start_of_the_route_it_is_the_route_bit_for_bit():
+def test_a_lead_in_from_the_start_equals_the_route_exactly():
     route = circle(0.5, 0.2)
     plain, led = Repeat.along(route, 2), InTurn.led_in(Repeat.along(route, 2), route)
     state, led_state = plain.init(), led.init()
@@ -43,7 +43,7 @@ def test_from_the_start_of_the_route_it_is_the_route_bit_for_bit():
 
 
 class Counts:
-    """A guide of one's own that knows no `joined`: along x by the time since its first tick."""
+    """A custom guide without `joined`: it moves along x by the time since its first tick."""
 
     def init(self):
         return -1
@@ -55,14 +55,14 @@ class Counts:
         return start_ns, reference._replace(eta=np.array([x, 0.0, 0.0]), done=np.where(x >= 2.0, 1.0, 0.0))
 
 
-def test_a_guide_of_ones_own_begins_where_the_way_meets_its_route():
+def test_a_custom_guide_begins_at_the_join_point():
     _, out = followed(InTurn.led_in(Counts(), line(2.0, 0.2)), (0.0, 0.2, 0.0))
     eta = np.array([r.eta for r in out])
     assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.1 * 0.2 * DT
     assert eta[-1, 0] == pytest.approx(2.0, abs=0.2 * DT)
 
 
-def test_after_the_route_it_drives_back_to_its_start():
+def test_the_guide_returns_to_its_start_after_the_route():
     route = line(1.0, 0.2)
     state, out = followed(InTurn.with_way_back(Repeat.along(route), route), np.zeros(3))
     assert state.over == 1.0

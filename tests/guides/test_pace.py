@@ -23,13 +23,13 @@ def drive_guide(guide, ticks, requests=None):
 
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
-def test_at_full_pace_it_is_the_guide_itself_bit_for_bit(kind):
+def test_at_full_pace_the_guide_is_unchanged(kind):
     plain, paced = drive_guide(kind.along(ROUTE), 60), drive_guide(AtPace(kind.along(ROUTE)), 60)
     for a, b in zip(plain, paced, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
-def test_a_pause_brakes_waits_and_goes_on_from_there():
+def test_a_pause_brakes_and_later_continues_from_there():
     guide = PacedGuide(Repeat.along(ROUTE))
     out = drive_guide(guide, 400, {80: 0.0, 250: 1.0})
     v = np.array([r.nu[0] for r in out])
@@ -42,7 +42,7 @@ def test_a_pause_brakes_waits_and_goes_on_from_there():
     assert way[-1] == pytest.approx(0.2 * DT * (400 - 170), abs=0.2 * DT * 5)  # nothing is left out
 
 
-def test_the_slowest_requested_pace_is_in_force():
+def test_the_slowest_requested_pace_applies():
     guide = PacedGuide(Repeat.along(ROUTE))
     guide.want("caution", 0.5)
     guide.want("holder", 0.8)

@@ -28,7 +28,7 @@ def references(guide, times):
     return out
 
 
-def test_the_reference_is_where_the_teacher_was_at_this_time():
+def test_the_reference_equals_the_taught_pose_at_each_time():
     r = references(Repeat.along(LINE), [0.0, 0.5, 1.0])
     assert [x.eta[0] for x in r] == [0.0, 0.25, 0.5]
     assert [x.nu[0] for x in r] == [0.5, 0.5, 0.5]
@@ -36,7 +36,7 @@ def test_the_reference_is_where_the_teacher_was_at_this_time():
     assert [x.done for x in r] == [0.0, 0.0, 0.0]
 
 
-def test_an_open_route_is_driven_once_for_any_laps_and_ends_at_rest():
+def test_an_open_route_is_driven_once_for_any_number_of_laps():
     for laps in (0, 1, 3):
         r = references(Repeat.along(LINE, laps), [0.0, 1.99, 2.0, 5.0])
         assert [x.done for x in r] == [0.0, 0.0, 1.0, 1.0]
@@ -44,7 +44,7 @@ def test_an_open_route_is_driven_once_for_any_laps_and_ends_at_rest():
         np.testing.assert_allclose(r[-1].nu, 0.0)
 
 
-def test_three_laps_of_a_circle_come_back_three_times():
+def test_three_laps_of_a_circle_pass_the_start_three_times():
     route = circle(0.5, 0.25)
     lap_s = route.t_s[-1]
     assert lap_s == pytest.approx(2.0 * np.pi * 0.5 / 0.25, rel=1e-12)
@@ -55,20 +55,20 @@ def test_three_laps_of_a_circle_come_back_three_times():
     assert [x.done for x in r] == [0.0, 0.0, 0.0, 0.0, 1.0]
 
 
-def test_zero_laps_go_on_for_ever():
+def test_zero_laps_mean_endless_repetition():
     r = references(Repeat.along(circle(0.5, 0.25), 0), [0.0, 1e5])
     assert r[-1].done == 0.0
     assert r[-1].nu[0] == pytest.approx(0.25)
 
 
-def test_heading_is_interpolated_across_pi_the_short_way_and_leaves_wrapped():
+def test_heading_is_interpolated_across_pi_and_wrapped():
     psi = wrap(np.array([3.0, 3.4]))
     route = Route(np.array([0.0, 1.0]), np.column_stack([np.zeros((2, 2)), psi]), np.zeros((2, 3)), False)
     r = references(Repeat.along(route), [0.0, 0.5])
     assert r[1].eta[2] == pytest.approx(wrap(3.2))
 
 
-def test_closing_a_route_spreads_the_drift_and_keeps_the_turn():
+def test_closing_a_route_distributes_the_drift_along_the_route():
     route = circle(0.5, 0.25)
     drifted = route._replace(
         eta=route.eta + np.outer(route.t_s / route.t_s[-1], [0.03, -0.02, 0.1]), closed=False
@@ -78,7 +78,7 @@ def test_closing_a_route_spreads_the_drift_and_keeps_the_turn():
     assert closed_up(drifted).closed
 
 
-def test_a_route_is_laid_where_the_vehicle_stands():
+def test_a_route_is_placed_at_the_vehicle_pose():
     route = moved(circle(0.5, 0.25), np.array([1.0, 2.0, np.pi / 2]))
     np.testing.assert_allclose(route.eta[0], [1.0, 2.0, np.pi / 2])
     middle = route.eta[len(route.t_s) // 2]
@@ -95,7 +95,7 @@ def test_a_route_is_laid_where_the_vehicle_stands():
         ({"laps": -1}, ("route.laps", {"found": -1})),
     ],
 )
-def test_a_bad_route_is_refused_in_words(change, words):
+def test_a_bad_route_is_refused_with_a_reason(change, words):
     with refused(words[0], ValueError, **words[1]):
         Repeat(**(LINE._asdict() | {"laps": 1} | change))
 
@@ -123,18 +123,18 @@ class Without:
 
 
 @pytest.mark.parametrize("guide", [Plain(), SlottedGuide(), Repeat.along(LINE), SinuousCircle()])
-def test_a_guide_of_any_class_is_given_its_laps_and_stays_as_it_is(guide):
+def test_setting_laps_copies_a_guide_of_any_class(guide):
     guide_of_laps = with_laps(guide, 3)
     assert (type(guide_of_laps), guide_of_laps.laps, guide.laps) == (type(guide), 3, 1)
     assert with_laps(guide, 1) is guide
 
 
-def test_a_guide_that_knows_no_laps_stays_as_it_is():
+def test_a_guide_without_laps_is_unchanged():
     guide = Without()
     assert with_laps(guide, 3) is guide
 
 
-def test_laps_that_are_checked_or_cannot_be_set_are_refused_in_words():
+def test_invalid_laps_are_refused_with_a_reason():
     class GuideOfConstantLaps:
         laps = property(lambda self: 1)
 

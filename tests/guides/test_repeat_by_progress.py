@@ -40,7 +40,7 @@ def on_it(k, reference):
     return np.zeros(3) if reference is None else reference.eta
 
 
-def test_a_vehicle_that_keeps_up_is_led_as_by_the_time():
+def test_a_vehicle_on_schedule_gets_the_reference_by_time():
     route = eight(0.6, 0.2)
     references = drive_guide(RepeatByProgress.along(route), on_it, 400)
     want = [np.interp(399 * DT, route.t_s, route.eta[:, i]) for i in range(2)]
@@ -48,7 +48,7 @@ def test_a_vehicle_that_keeps_up_is_led_as_by_the_time():
     assert references[200].nu[0] == pytest.approx(0.2)
 
 
-def test_it_waits_for_a_vehicle_that_is_held():
+def test_the_reference_waits_for_a_blocked_vehicle():
     guide = RepeatByProgress.along(circle(1.0, 0.2))
     last = drive_guide(guide, lambda k, _: np.zeros(3), 1000)[-1]
     way = np.arctan2(last.eta[0], 1.0 - last.eta[1])
@@ -57,7 +57,7 @@ def test_it_waits_for_a_vehicle_that_is_held():
     assert last.done == 0.0
 
 
-def test_it_comes_back_to_a_vehicle_that_was_pushed_back_and_goes_on():
+def test_the_reference_returns_to_a_vehicle_that_was_pushed_back():
     guide, back = RepeatByProgress.along(circle(1.0, 0.2)), np.array([0.4, 1.0 - np.cos(0.41), 0.41])
 
     def push(k, reference):
@@ -70,7 +70,7 @@ def test_it_comes_back_to_a_vehicle_that_was_pushed_back_and_goes_on():
     assert all(r.nu[0] >= 0.0 for r in references)
 
 
-def test_it_catches_up_with_a_vehicle_that_was_put_in_front():
+def test_the_reference_advances_to_a_vehicle_placed_ahead():
     guide, ahead = RepeatByProgress.along(circle(1.0, 0.2)), 0.4
     pose = np.array([np.sin(ahead), 1.0 - np.cos(ahead), ahead])
     references = drive_guide(guide, lambda k, _: pose, 150)
@@ -78,7 +78,7 @@ def test_it_catches_up_with_a_vehicle_that_was_put_in_front():
     assert max(r.nu[0] for r in references) == pytest.approx(0.2 * guide.fastest)
 
 
-def test_no_crossing_of_an_eight_is_a_short_cut():
+def test_the_reference_does_not_jump_at_the_crossing_of_an_eight():
     """A vehicle that keeps up passes the crossing twice a lap; at each its reference is the branch that it came on."""
     route = coarse(eight(0.6, 0.2), 20)
     run = simulate_loop(SMALL, RepeatByProgress.along(route), laps=2, perfect=True)
@@ -94,11 +94,11 @@ def test_a_lap_ends_and_the_guide_is_done():
     assert last.nu == pytest.approx(np.zeros(3))
 
 
-def test_it_keeps_every_promise_of_a_guide():
+def test_repeat_by_progress_passes_the_guide_check():
     assert check_guide(RepeatByProgress.along(eight(0.6, 0.2))) == []
 
 
-def test_compiled_and_as_written_it_gives_the_same_reference():
+def test_compiled_and_uncompiled_guides_give_the_same_reference():
     guide, now = RepeatByProgress.along(coarse(eight(0.6, 0.2), 40), 2), at([0.1, 0.2, 0.7], 3)
     state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
     plain = guide.step(state, now)[1]
@@ -119,7 +119,7 @@ class LookAtAll(RepeatByProgress):
 
 @pytest.mark.parametrize("is_closed", [True, False])
 @pytest.mark.parametrize("shape", [eight(0.6, 0.2), circle(1.0, 0.2), rectangle(4.0, 3.0, 0.2, 0.2)])
-def test_points_out_of_reach_need_not_be_looked_at(shape, is_closed):
+def test_distant_points_do_not_change_the_progress(shape, is_closed):
     route, random = shape._replace(closed=is_closed), np.random.default_rng(0)
     near, every = (kind.along(route, 2) for kind in (RepeatByProgress, LookAtAll))
     for _ in range(100):
@@ -135,7 +135,7 @@ def test_points_out_of_reach_need_not_be_looked_at(shape, is_closed):
         np.testing.assert_allclose(reference.nu, expected.nu, atol=1e-12)
 
 
-def test_what_is_compiled_does_not_grow_with_the_route():
+def test_the_compiled_program_does_not_grow_with_the_route():
     sizes = []
     for length_m in (4.0, 16.0, 64.0):
         guide, now = RepeatByProgress.along(rectangle(length_m, 3.0, 0.2, 0.2)), at([0.1, 0.2, 0.7], 3)

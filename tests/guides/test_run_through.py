@@ -16,7 +16,7 @@ def with_speed(v, psi):
     )
 
 
-def test_a_start_from_rest_becomes_the_speed_of_the_end():
+def test_the_start_from_rest_is_replaced_by_the_end_speed():
     v = np.minimum(T_S, 1.0) * 0.2  # a second to its speed
     way = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
     route = run_through(with_speed(v, 2.0 * np.pi * way / way[-1]))
@@ -26,19 +26,19 @@ def test_a_start_from_rest_becomes_the_speed_of_the_end():
     assert np.all(np.diff(route.t_s) > 0.0)
 
 
-def test_a_route_that_ends_at_rest_keeps_its_times():
+def test_a_route_that_ends_at_rest_is_unchanged():
     v = np.full(201, 0.2)
     v[[0, -1]] = 0.0
     route = with_speed(v, 0.1 * T_S)
     assert run_through(route) is route
 
 
-def test_a_start_that_turns_on_the_spot_keeps_its_times():
+def test_a_route_that_starts_turning_in_place_is_unchanged():
     route = with_speed(np.where(T_S < 1.0, 0.0, 0.2), np.minimum(T_S, 1.0) * 3.0)
     assert run_through(route) is route
 
 
-def test_a_lap_that_speeds_up_at_its_end_is_not_driven_faster_as_a_whole():
+def test_a_fast_end_does_not_shorten_the_whole_lap():
     v = np.where(T_S < 8.0, 0.2, 0.4)
     v[0] = 0.0
     route = run_through(with_speed(v, 0.1 * T_S))

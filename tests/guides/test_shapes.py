@@ -28,7 +28,7 @@ def test_a_route_starts_at_the_origin_along_x_and_closes(name):
 
 
 @pytest.mark.parametrize("name", ROUTES)
-def test_position_changes_as_heading_and_speed_say(name):
+def test_the_position_is_the_integral_of_heading_and_speed(name):
     """ẋ = v cos ψ, ẏ = v sin ψ by the trapezoid rule; ψ̇ = ν_ψ off the corners of a rectangle."""
     route = ROUTES[name]
     dt, (x, y, psi), v = np.diff(route.t_s), route.eta.T, route.nu[:, 0]
@@ -45,7 +45,7 @@ def test_position_changes_as_heading_and_speed_say(name):
 @pytest.mark.parametrize(
     ("name", "turns"), [("circle", 1), ("sinuous circle", 1), ("eight", 0), ("rectangle", 1)]
 )
-def test_net_turn_of_a_lap(name, turns):
+def test_each_shape_has_its_net_turn_in_a_lap(name, turns):
     assert ROUTES[name].eta[-1, 2] == pytest.approx(2.0 * np.pi * turns, abs=1e-9)
 
 
@@ -74,7 +74,7 @@ def test_the_sinuous_circle_is_a_guide():
     assert abs(wrap(reference.eta[2])) < 1e-9
 
 
-def test_shapes_that_cannot_be_are_refused_in_words():
+def test_impossible_shapes_are_refused_with_a_reason():
     with refused("shape.corners", ValueError):
         rectangle(2.0, 1.0, 0.5, 0.25)
     with refused("shape.amplitude", ValueError, amplitude_m=0.6, radius_m=0.5):

@@ -1,4 +1,4 @@
-"""What wheels show beyond the model is a misfit where the accelerometer feels it or the floor slopes, else slip."""
+"""A disturbance of the wheels is a misfit if the accelerometer measures it or the floor slopes, otherwise slip."""
 
 from types import SimpleNamespace
 
@@ -41,29 +41,29 @@ def rate():
     return fading(np.random.default_rng(0), 1.0, 1.0)
 
 
-def test_a_push_that_the_accelerometer_feels_is_a_misfit(rate):
+def test_a_push_measured_by_the_accelerometer_is_a_misfit(rate):
     push = fading(np.random.default_rng(2), 1.0, 0.5)
     assert part_of(np.cumsum(push) * DT, push, rate) > 0.9
 
 
-def test_what_wheels_alone_know_is_slip(rate):
+def test_a_disturbance_that_only_the_wheels_measure_is_slip(rate):
     slip = fading(np.random.default_rng(3), 0.1, 0.5)
     assert part_of(slip, np.zeros(N), rate) < 0.1
 
 
-def test_nothing_of_slip_and_push_together_is_lost(rate):
+def test_slip_and_push_together_count_as_a_misfit_in_part(rate):
     push, slip = fading(np.random.default_rng(4), 1.0, 0.5), fading(np.random.default_rng(5), 0.1, 0.5)
     assert 0.2 < part_of(slip + np.cumsum(push) * DT, push, rate) <= 1.0
 
 
-def test_a_slope_is_not_taken_for_slip(rate):
-    """Gravity pushes by the heading; neither the model nor the accelerometer knows of it, and drag lets it fade."""
+def test_a_sloping_floor_is_not_counted_as_slip(rate):
+    """Gravity pushes according to the heading; model and accelerometer do not contain it, and drag lets it fade."""
     push = 0.8 * np.cos(np.cumsum(rate) * DT)
     r_v = lfilter([DT], [1.0, DT / 0.4 - 1.0], push)
     assert part_of(r_v, -r_v / 0.4, rate) > 0.9
 
 
-def test_a_short_run_or_one_without_disagreement_tells_nothing(rate):
+def test_a_short_or_consistent_run_does_not_separate_slip_from_misfit(rate):
     slip = fading(np.random.default_rng(3), 0.1, 0.5)
     assert part_of(slip, np.zeros(N), rate, seconds=8.0) == 1.0
     assert part_of(np.zeros(N), np.zeros(N), rate) > 10.0 * LEAST

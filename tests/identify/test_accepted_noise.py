@@ -1,4 +1,5 @@
-"""Noise is accepted where it holds on runs that it was not found on; elsewhere it is found again over all of them."""
+"""Noise is accepted if it is consistent on runs that did not estimate it; otherwise it is estimated again over all
+runs."""
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def imu_filter(fit):
-    """What the run of the fit tells of the noise, without another."""
+    """The noise that the fitted run alone identifies."""
     return measure_noise(*fit)
 
 
@@ -36,7 +37,7 @@ def variance(noise):
     return noise.in_motion[GYRO[0]][GYRO[1], GYRO[1]]
 
 
-def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, imu_filter):
+def test_noise_confirmed_by_an_unseen_run_is_written_unchanged(fit, imu_filter):
     noise = measure_noise(*fit, held_out=[drive_fit(40.0, 2)])
     assert imu_filter.accepted is None
     assert noise.accepted is not None
@@ -47,7 +48,7 @@ def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, imu_f
     assert variance(noise) == pytest.approx(variance(imu_filter))
 
 
-def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, imu_filter):
+def test_noise_contradicted_by_an_unseen_run_is_estimated_again_over_all_runs(fit, imu_filter):
     """A gyro that scatters five times as far as on the day of the fit."""
     noisy = drive_fit(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     noise = measure_noise(*fit, held_out=[noisy])
@@ -61,14 +62,14 @@ def test_noise_that_an_unseen_run_contradicts_is_found_again_over_all_runs(fit, 
     assert noise.verdict == ("WARN" if noise.accepted.disagrees else "USABLE")
 
 
-def test_a_run_of_a_few_seconds_tells_nothing_of_the_noise(fit):
+def test_a_validation_run_of_six_seconds_is_too_short_for_the_noise(fit):
     accepted_noise = measure_noise(*fit, held_out=[drive_fit(6.0, 3)]).accepted
     assert accepted_noise is not None
     assert accepted_noise.message.code == "noise.too-short"
     assert not accepted_noise.disagrees
 
 
-def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(fit, monkeypatch):
+def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, monkeypatch):
     """A filter that claims a ninth of the variance of its heading, which no NIS shows."""
 
     def surer(ekf, run, filtered):
@@ -88,7 +89,7 @@ def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(f
     [(0.9, 1.1, "true"), (1.1, 1.5, "true"), (1.3, 1.5, "too sure"), (0.5, 0.8, "too careful"),
      (np.nan, np.nan, "cannot tell")],
 )  # fmt: skip
-def test_only_what_chance_does_not_explain_disagrees(low, high, verdict):
+def test_a_normalised_square_disagrees_only_outside_its_interval(low, high, verdict):
     square = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
     assert square.verdict == verdict
     assert square.disagrees == verdict.startswith("too")

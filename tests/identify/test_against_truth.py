@@ -1,4 +1,4 @@
-"""A truth from outside tells scales, bias, clock and mark within their own error bars, without a vehicle model.
+"""An external truth identifies scales, bias, clock and mark within their error bars, without a vehicle model.
 
 False-alarm rates, for sound code: 42 numbers of six runs, of which 36 must lie inside their 95 % intervals:
 below 0.5 % even where one run's numbers are correlated; the seeds are fixed.
@@ -46,7 +46,7 @@ def film(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_ra
 
 @pytest.fixture(scope="module")
 def assumed_file():
-    """The garage's car, whose sensors are believed to be perfect."""
+    """The car of the garage, with sensors that are assumed perfect."""
     return load("car").with_values(
         {"sensors.imu.gyro_scale": 1.0, "sensors.imu.gyro_bias": 0.0, "sensors.odometer.scale": 1.0}
     )
@@ -66,7 +66,7 @@ def drive(assumed_file):
     return run_of_seed
 
 
-def test_everything_is_found_within_its_error_bars(assumed_file, drive):
+def test_every_calibrated_value_is_within_its_error_bars(assumed_file, drive):
     inside = []
     for seed in range(6):
         fit = calibrate(drive(seed), assumed_file)
@@ -77,14 +77,14 @@ def test_everything_is_found_within_its_error_bars(assumed_file, drive):
     assert sum(inside) >= 36
 
 
-def test_error_bars_are_not_wide(assumed_file, drive):
+def test_error_bars_of_the_calibration_are_narrow(assumed_file, drive):
     rows = {row["name"]: row for row in calibrate(drive(0), assumed_file).rows()}
     assert rows["sensors.imu.gyro_scale"]["sd"] < 0.005
     assert rows["sensors.odometer.scale"]["sd"] < 0.005
     assert rows["clock.truth"]["sd"] < 0.003
 
 
-def test_the_convention_of_the_scale_is_reported_both_ways(assumed_file, drive):
+def test_the_scale_is_reported_in_both_conventions(assumed_file, drive):
     fit = calibrate(drive(0), assumed_file)
     row = fit.rows()[1]
     assert row["name"] == "sensors.imu.gyro_scale"
@@ -92,7 +92,7 @@ def test_the_convention_of_the_scale_is_reported_both_ways(assumed_file, drive):
     assert "to be added to the truth's stamps" in fit.table()
 
 
-def test_the_file_takes_the_scales_and_says_where_they_come_from(assumed_file, drive):
+def test_the_vehicle_file_receives_the_scales_and_their_provenance(assumed_file, drive):
     run = drive(0)
     fit = calibrate(run, assumed_file)
     file = fit.updated(assumed_file)
@@ -102,14 +102,14 @@ def test_the_file_takes_the_scales_and_says_where_they_come_from(assumed_file, d
     assert second["sensors.imu.gyro_scale"]["in_file"] == pytest.approx(fit.value("sensors.imu.gyro_scale"))
 
 
-def test_without_a_gyro_the_odometer_finds_the_clock(assumed_file, drive):
+def test_the_odometer_identifies_the_clock_without_a_gyro(assumed_file, drive):
     run = drive(1)
     fit = calibrate(replace(run, sensors={"odometer": run.sensors["odometer"]}), assumed_file)
     assert fit.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.02)
     assert fit.rows()[0]["low"] < TRUE["clock.truth"] < fit.rows()[0]["high"]
 
 
-def test_a_jump_of_the_camera_hardly_matters(assumed_file, drive):
+def test_a_camera_jump_hardly_changes_the_calibration(assumed_file, drive):
     run = drive(2)
     eta = run.truth.eta.copy()
     eta[np.random.default_rng(0).integers(0, len(eta), 20)] += [0.5, -0.5, 1.0]
@@ -118,14 +118,14 @@ def test_a_jump_of_the_camera_hardly_matters(assumed_file, drive):
     assert fit.value("clock.truth") == pytest.approx(TRUE["clock.truth"], abs=0.004)
 
 
-def test_a_car_that_hardly_turns_is_a_doubt(assumed_file):
+def test_a_car_that_hardly_turns_gives_a_warning(assumed_file):
     u = random_steps([0.5, 0.0], 60.0, assumed_file.rate_hz, 0)
     fit = calibrate(film(simulate(assumed_file, u, 0), 0), assumed_file)
     assert fit.verdict == "WARN"
     assert "calibration.turn-more" in [reason.code for reason in fit.reasons]
 
 
-def test_without_a_truth_that_is_reported_with_what_to_do(assumed_file, drive):
+def test_a_run_without_a_truth_is_refused_with_a_remedy(assumed_file, drive):
     with pytest.raises(UsageError, check=of_code("truth.none")):
         calibrate(replace(drive(0, 20.0), truth=None), assumed_file)
 
@@ -137,7 +137,7 @@ def test_a_truth_without_heading_is_left_to_a_fit(assumed_file, drive):
         calibrate(replace(run, truth=run.truth._replace(eta=eta)), assumed_file)
 
 
-def test_without_a_sensor_that_is_reported(assumed_file, drive):
+def test_a_run_without_a_sensor_is_refused(assumed_file, drive):
     with pytest.raises(UsageError, check=of_code("truth.no-sensor")):
         calibrate(replace(drive(0, 20.0), sensors={}), assumed_file)
 
@@ -161,7 +161,7 @@ def test_students_quantile_is_that_of_the_tables(probability, freedom, quantile)
     assert students(probability, freedom) == pytest.approx(quantile, abs=4e-3)
 
 
-def test_error_bars_of_a_regression_hold_with_coloured_residuals():
+def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():
     """400 fits; white-noise bars would cover 70 %. Outside 90 to 99 %: false alarm below 1e-4."""
     rng, n, batches, hits = np.random.default_rng(0), 400, 20, 0
     slopes = np.stack([np.ones(n), np.sin(np.arange(n) / 15.0)], axis=1)
@@ -176,7 +176,7 @@ def test_error_bars_of_a_regression_hold_with_coloured_residuals():
 
 
 @pytest.mark.parametrize(("name", "late_s"), [("cpm_run_a", 0.045), ("cpm_run_b", 0.040)])
-def test_a_real_gyro_and_the_clock_of_its_camera(cpm_recordings, name, late_s):
+def test_a_real_gyro_and_its_camera_clock_are_calibrated(cpm_recordings, name, late_s):
     run = import_run(name).run  # its map has the offset in it already
     fit = calibrate(run, load("car"))
     assert 1.0 / fit.value("sensors.imu.gyro_scale") == pytest.approx(0.966, abs=0.003)

@@ -1,4 +1,4 @@
-"""The Allan deviation against a public implementation, and its coefficients against noise that was made of them.
+"""The Allan deviation against a public implementation, and its coefficients against synthetic noise.
 
 Seeds are fixed; a 95 % interval that is tried 8 × 40 times holds the truth 287 to 317 times at four standard
 deviations of the count.
@@ -39,7 +39,7 @@ def test_the_deviation_is_that_of_allantools():
     np.testing.assert_allclose(allan(y, RATE, 2 ** np.arange(11)).deviation, ALLANTOOLS, rtol=1e-10)
 
 
-def test_a_bias_does_not_show():
+def test_a_bias_does_not_change_the_allan_deviation():
     y = noise_of(1e-3, 0.0, 0.0, 1)
     np.testing.assert_allclose(allan(y + 7.0, RATE).deviation, allan(y, RATE).deviation, rtol=1e-9)
 
@@ -56,14 +56,14 @@ def test_white_noise_falls_with_the_root_of_time_inside_its_interval():
 @pytest.mark.parametrize(
     ("truth", "part"), [((1e-3, 0.0, 0.0), 0), ((1e-3, 0.0, 5e-4), 2), ((1e-4, 1e-3, 0.0), 1)]
 )
-def test_each_coefficient_is_found_where_it_is(truth, part):
+def test_each_noise_coefficient_is_estimated_within_15_percent(truth, part):
     fits = [coefficients(allan(noise_of(*truth, seed), RATE)) for seed in range(8)]
     value = np.median([c.value[part] for c in fits])
     assert value == pytest.approx(truth[part], rel=0.15)
     assert all(c.measurable[part] for c in fits)
 
 
-def test_what_is_not_there_is_not_seen():
+def test_absent_noise_is_seldom_reported_as_measurable():
     fits = [coefficients(allan(noise_of(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
     assert sum(c.measurable[1:].any() for c in fits) <= 2
 
@@ -83,6 +83,6 @@ def test_chi_square_is_that_of_scipy():
         (np.zeros(50), 100.0, np.array([40]), "allan.averages"),
     ],
 )
-def test_what_has_no_deviation_is_refused(y, rate, n, code):
+def test_a_signal_without_an_allan_deviation_is_refused(y, rate, n, code):
     with pytest.raises(UsageError, check=of_code(code)):
         allan(y, rate, n)

@@ -1,4 +1,4 @@
-"""A sensor at rest: its noise, its bias with an honest error, what warmth does, and what is wrong with its stamps."""
+"""A sensor at rest: its noise, its bias with a correct error, the effect of temperature, and timestamp errors."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def resting_run(small):
     return simulate(quiet, np.zeros((12_000, 3)), 3)
 
 
-def test_noise_and_bias_of_a_simulated_imu_are_found(resting_run, small):
+def test_noise_and_bias_of_a_simulated_imu_are_identified(resting_run, small):
     rest = at_rest(resting_run)
     imu = small.sensors.imu
     truth = np.array([*imu.accel_noise_std, imu.gyro_noise_std])
@@ -32,20 +32,20 @@ def test_noise_and_bias_of_a_simulated_imu_are_found(resting_run, small):
     assert rest.verdict == "USABLE"
 
 
-def test_the_file_takes_what_was_found(resting_run, small):
+def test_the_vehicle_file_receives_the_measured_noise_and_bias(resting_run, small):
     file = at_rest(resting_run).updated(small.with_values({"sensors.imu.gyro_noise_std": 0.5}))
     assert file.sensors.imu.gyro_noise_std == pytest.approx(small.sensors.imu.gyro_noise_std, rel=0.05)
     assert file.sensors.imu.gyro_bias == pytest.approx(small.sensors.imu.gyro_bias, abs=1e-3)
 
 
-def test_only_what_follows_a_second_of_rest_is_looked_at(small):
+def test_the_first_second_of_each_rest_is_discarded(small):
     u = np.zeros((3000, 3))
     u[200:500, 0] = 0.6
     rest = at_rest(simulate(small, u, 1))
     assert rest.duration_s == pytest.approx(24.0, abs=0.05)
 
 
-def test_warmth_that_moves_the_bias_is_reported(resting_run):
+def test_a_temperature_dependence_of_the_bias_is_reported(resting_run):
     t = resting_run.t_s
     warm = 20.0 + 8.0 * t / t[-1]
     imu = resting_run.sensors["imu"]

@@ -1,4 +1,4 @@
-"""A run that begins in motion: what was commanded before it is not known, and is not taken for nothing."""
+"""A run that begins in motion: earlier commands are unknown and are not taken as zero."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def rows_of(file, run, at_rest=False):
     return records_of([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].has[:, 0]
 
 
-def test_it_counts_from_where_its_own_commands_arrive(moving_run):
+def test_a_run_begun_in_motion_counts_from_the_arrival_of_its_commands(moving_run):
     file, run = moving_run
     later = run.cut(4.2)
     has = rows_of(file, later)
@@ -40,14 +40,14 @@ def test_it_counts_from_where_its_own_commands_arrive(moving_run):
     assert has[LATE + 1 :].all()
 
 
-def test_a_run_that_begins_without_a_command_or_at_rest_or_is_short_counts_from_its_first_tick(moving_run):
+def test_runs_from_rest_or_short_runs_count_from_the_first_tick(moving_run):
     file, run = moving_run
     assert rows_of(file, run)[1:5].all()
     assert rows_of(file, run.cut(4.2), at_rest=True)[1:LATE].all()
     assert rows_of(file, run.cut(4.2, 4.2 + 1.5 * LATE / 50.0))[1:LATE].all()
 
 
-def test_what_is_found_in_it_is_what_the_vehicle_is(moving_run):
+def test_a_run_that_begins_in_motion_gives_the_true_parameters(moving_run):
     file, run = moving_run
     fit = identify(run.cut(4.2), file, FREE, use=("odometer", "imu[2]"), options=FitOptions(diagnose=False))
     truth = np.array([file.value(name) for name in fit.names])

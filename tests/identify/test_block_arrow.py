@@ -20,10 +20,10 @@ from baqueano.identify.residuals.block_arrow import (
 )
 
 
-def equations(seed, runs, more=0, common=4, by_run=3, by_piece=6):
+def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):
     """(places, arrow, the same as one matrix, g) of random slopes of every piece."""
     rng = np.random.default_rng(seed)
-    layout = ThetaLayout(common, by_run, by_piece, runs)
+    layout = ThetaLayout(common, by_run, by_segment, runs)
     places, size = places_of(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
     arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
@@ -45,7 +45,7 @@ ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
     more=st.integers(0, 3),
     damping=st.sampled_from([RIDGE, 1e-6, 1e-2, 10.0]),
 )
-def test_it_solves_as_the_whole_matrix_does(seed, runs, more, damping):
+def test_the_block_solution_equals_that_of_the_whole_matrix(seed, runs, more, damping):
     arrow, whole, g = equations(seed, runs, more)
     assert isinstance(arrow, BlockArrow)
     index = np.flatnonzero(np.random.default_rng(seed).random(len(g)) < 0.8)
@@ -56,7 +56,7 @@ def test_it_solves_as_the_whole_matrix_does(seed, runs, more, damping):
 
 
 @pytest.mark.parametrize("runs", [ONE_RUN, TWO_RUNS, WHOLE_RUNS])
-def test_it_is_the_whole_matrix(runs):
+def test_the_blocks_are_those_of_the_whole_matrix(runs):
     arrow, whole, g = equations(1, runs, 2)
     np.testing.assert_allclose(arrow.dense(), whole, rtol=1e-13)
     np.testing.assert_allclose(arrow.diagonal(), whole.diagonal(), rtol=1e-13)
@@ -80,7 +80,7 @@ def test_a_step_that_would_cross_bounds_is_the_same():
     np.testing.assert_allclose(ends[0] * root, ends[1] * root, atol=1e-11)
 
 
-def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
+def test_unobservable_initial_states_do_not_change_the_end_of_the_search():
     """The last entry of each piece has no effect, as a start behind a lead has none."""
     rng, layout = np.random.default_rng(3), ThetaLayout(3, 0, 5, (0,) * 12)
     slopes = [rng.normal(size=(30, 8)) * [*np.ones(7), 0.0] for _ in layout.runs]
@@ -106,13 +106,13 @@ def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
     assert np.all(arrow.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
 
 
-def test_few_pieces_are_solved_at_once():
+def test_few_segments_are_solved_as_one_matrix():
     assert places_of(ThetaLayout(3, 3, 6, (0,))) is None
     assert places_of(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
     assert places_of(ThetaLayout(3, 3, 0, (0,) * 100)) is None
 
 
-def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
+def test_errors_of_shared_parameters_equal_those_of_the_whole_information_matrix():
     _, whole, _ = equations(4, ONE_RUN)
     layout = ThetaLayout(4, 3, 6, ONE_RUN)
     A, B = without_starts(whole, 2.0 * whole, layout)
@@ -123,7 +123,7 @@ def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 
 
-def test_a_fit_in_pieces_is_the_same_by_both(case, case_run, monkeypatch):
+def test_a_segmented_fit_is_the_same_by_both_solvers(case, case_run, monkeypatch):
     """All along a search: the steps, the end, the errors."""
     run, free = case_run(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
     pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))

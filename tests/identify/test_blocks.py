@@ -1,4 +1,4 @@
-"""What blocks of a run tell of errors: the jackknife, and when it is believed."""
+"""The information of blocks of a run: the jackknife, and the conditions of its use."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -37,7 +37,7 @@ def seen_by_a_camera(run: Run, seed: int) -> Run:
     return replace(run, truth=TruthLog(run.truth.t_ns[every], eta, none, none))
 
 
-def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
+def test_leaving_a_block_out_shifts_the_fit_by_one_gauss_newton_step(end):
     fit, info = end
     problem, theta, identifiable = (
         fit.task.problem,
@@ -59,12 +59,12 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
     expected = (len(moves) - 1) / len(moves) * off.T @ off
     cov = jackknife(problem, theta, identifiable, info.bread)
     assert cov is not None
-    assert jackknife(problem, theta, identifiable, info.bread, by_piece=True) is None  # the runs are whole
+    assert jackknife(problem, theta, identifiable, info.bread, by_segment=True) is None  # the runs are whole
     root = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(cov / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
 
-def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_nothing():
+def test_only_blocks_that_disagree_widen_errors_of_shared_parameters():
     problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
     choices = [no_smaller(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
@@ -74,7 +74,7 @@ def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_
     np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
 
 
-def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outliers_too():
+def test_block_errors_have_coverage_with_floor_disturbance_and_outliers():
     car = load("car")
     rng, inside, before = np.random.default_rng(0), [], []
     for seed in range(12):
@@ -102,7 +102,7 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
     assert np.mean(before) < np.mean(inside) - 0.04
 
 
-def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
+def test_a_score_matrix_with_a_negative_eigenvalue_gives_a_valid_covariance():
     rng = np.random.default_rng(3)
     rotation = np.linalg.qr(rng.normal(size=(5, 5)))[0]
     meat = rotation @ np.diag([-1e-5, 1e-4, 1.0, 20.0, 2e5]) @ rotation.T
@@ -114,7 +114,7 @@ def test_a_meat_that_rounding_left_below_zero_has_a_covariance_all_the_same():
 
 
 @pytest.mark.parametrize(("with_camera", "segment_s"), [(False, 3.0), (True, 5.0)])
-def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(with_camera, segment_s):
+def test_error_bars_of_a_segmented_run_on_a_disturbing_floor_have_coverage(with_camera, segment_s):
     car, inside = load("car"), []
     for seed in range(16):
         run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
@@ -134,7 +134,7 @@ def test_errors_of_a_run_in_pieces_over_a_floor_that_disturbs_hold_the_truth(wit
     assert sum(inside) > 120
 
 
-def test_pieces_in_which_a_model_ran_away_tell_nothing(case, case_run, monkeypatch):
+def test_segments_in_which_the_model_diverged_are_left_out_of_the_jackknife(case, case_run, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda task: task)
         fit = identify(case_run(0, 24.0), case, options=FitOptions(segment_s=4.0))
@@ -143,7 +143,7 @@ def test_pieces_in_which_a_model_ran_away_tell_nothing(case, case_run, monkeypat
         fit.search.solution.theta,
         np.flatnonzero(fit.identifiability.mask),
     )
-    ways = {"by_piece": False}, {"by_piece": True}
+    ways = {"by_segment": False}, {"by_segment": True}
     assert all(jackknife(problem, theta, identifiable, fit.info.bread, **way) is not None for way in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
     slopes[2][1][-1] = np.inf

@@ -1,4 +1,4 @@
-"""Noise that grows with speed is found where it is, and not where it is not."""
+"""Noise that grows with speed is detected, and constant noise is not reported as growing."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ def draw(kappa, seed, n=4000):
     return rng.normal(size=n) * true, v, true
 
 
-def test_the_growth_of_the_noise_is_found_among_outliers():
+def test_growth_of_the_noise_with_speed_is_estimated_despite_outliers():
     r, v, true = draw(1.5, 0)
     r[::20] += 30.0
     sigma, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))

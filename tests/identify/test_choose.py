@@ -1,4 +1,4 @@
-"""A model gets the terms that its vehicle has, and no others, by simulation error on what was held out.
+"""A model gets the terms that its vehicle has, and no others, by simulation error on omitted segments or runs.
 
 False-alarm rates, for sound code. A vehicle without terms is given one with a probability below 5 %, measured
 0 of 20 seeds, so 2 of 4 or more in less than 1.5 %. That both terms of the other vehicle are found was so in 20
@@ -65,12 +65,12 @@ def choice(dry, file):
     return choose(drive(dry, 0), file, use=USE)
 
 
-def test_a_vehicle_without_terms_gets_none(bare, file):
+def test_no_term_is_chosen_for_a_vehicle_without_terms(bare, file):
     choices = [choose(drive(bare, seed), file, use=USE).taken for seed in range(4)]
     assert sum(len(names) > 0 for names in choices) <= 1, choices
 
 
-def test_dry_friction_and_dead_zone_are_found_and_nothing_else(dry, file, choice):
+def test_dry_friction_and_dead_zone_are_chosen_and_rarely_others(dry, file, choice):
     choices = [choice.taken, *(choose(drive(dry, seed), file, use=USE).taken for seed in range(1, 3))]
     for names in choices:
         paths = " ".join(names)
@@ -79,7 +79,7 @@ def test_dry_friction_and_dead_zone_are_found_and_nothing_else(dry, file, choice
     assert sum(len(names) > 2 for names in choices) <= 1, choices
 
 
-def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(choice, file):
+def test_chosen_terms_get_true_values_and_other_terms_neutral_values(choice, file):
     fit = choice.fit
     assert abs(fit.value("model.coulomb_m_s2") - 0.4) < 4.0 * fit.sd[fit.names.index("model.coulomb_m_s2")]
     name = "model.drivetrain.dead_zone_backward[0]"
@@ -89,7 +89,7 @@ def test_the_fit_has_the_values_of_the_vehicle_and_neutral_ones_for_the_rest(cho
     assert choice.vehicle_file.value("model.drivetrain.delay_s") == 0.0
 
 
-def test_each_choice_is_a_sentence_with_its_figures(choice):
+def test_each_choice_is_reported_with_its_figures(choice):
     message = next(judgement.message for judgement in choice.judged if judgement.term.name == "dry friction")
     assert (message.code, message.figures["channel"]) == ("choose.taken", "speed")
     assert message.figures["errors"] > message.figures["needed"]
@@ -99,7 +99,7 @@ def test_each_choice_is_a_sentence_with_its_figures(choice):
     assert "A vehicle without such terms gets one at most that often" in choice.table()
 
 
-def test_one_step_scores_stand_beside_as_no_evidence(choice):
+def test_one_step_scores_are_shown_but_do_not_decide(choice):
     """The term that lowers the held-out error by a third hardly shows one step ahead."""
     row = next(row for row in choice.rows() if row.get("term") == "dry friction")
     assert row["error_with"] < 0.8 * row["error_without"]
@@ -111,13 +111,13 @@ def test_the_same_runs_give_the_same_choice(dry, file, choice):
     assert choose(drive(dry, 0), file, use=USE).table() == choice.table()
 
 
-def test_the_rest_of_what_is_reported_of_the_fit_is_in_the_report_where_one_is_written(choice):
+def test_the_table_refers_to_the_report_for_further_notes(choice):
     much = replace(choice, fit=replace(choice.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
     assert much.table().endswith(" more: --report fit.html shows all, with figures")
     assert much.table(reported=True).endswith(" more: the report shows all, with figures")
 
 
-def test_many_runs_are_held_out_whole(dry, file):
+def test_whole_runs_are_left_out_if_there_are_many(dry, file):
     runs = [drive(dry, seed, 12.0) for seed in range(8)]
     choice = choose(runs, file, ["dry friction", "quadratic drag"], use=USE)
     assert choice.taken == ("dry friction",)
@@ -137,7 +137,7 @@ def test_a_term_at_its_bound_is_refused(dry, file):
     )
 
 
-def test_a_term_that_is_another_name_for_what_is_there_is_refused(dry, file):
+def test_a_term_that_duplicates_a_fitted_parameter_is_refused(dry, file):
     gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
     choice = choose(drive(dry, 0), file, [gain], use=USE)
     assert choice.taken == ()
@@ -158,12 +158,12 @@ def test_too_short_runs_are_refused_with_their_length(dry, file):
         choose(drive(dry, 0, 8.0), file, use=USE)
 
 
-def test_a_name_that_is_not_a_term_is_answered_with_those_that_are(dry, file):
+def test_an_unknown_term_is_refused_with_the_list_of_terms(dry, file):
     with pytest.raises(UsageError, check=of_code("choose.no-term")):
         choose(drive(dry, 0), file, ["dry fiction"], use=USE)
 
 
-def test_no_run_is_not_a_choice(file):
+def test_choosing_without_a_run_is_refused(file):
     with pytest.raises(UsageError, check=of_code("choose.no-command")):
         choose([], file)
 
@@ -175,7 +175,7 @@ def scores(loss):
     return Score(loss, np.full(loss.shape, 10.0), zero, unit, np.zeros((5, 1)), unit)
 
 
-def test_the_rule_is_a_t_test_on_the_logarithm_of_each_blocks_error():
+def test_terms_are_tested_by_t_on_the_log_error_of_blocks():
     g = 0.1 + np.resize([0.1, -0.1], 24)
     before = np.full(24, 10.0)
     after = (before + 1.0) * np.exp(-2.0 * g) - 1.0  # 1 = FLOOR of ten measurements
@@ -185,7 +185,7 @@ def test_the_rule_is_a_t_test_on_the_logarithm_of_each_blocks_error():
     assert comparison.beyond(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
 
 
-def test_blocks_in_which_nothing_moves_have_no_say():
+def test_blocks_at_rest_do_not_affect_the_choice():
     moving, resting = np.full(10, 10.0), np.array([1e-9, 1e-6] * 5)
     comparison = paired(
         scores(np.concatenate([moving, resting])), scores(np.concatenate([moving, resting[::-1]]))
@@ -193,13 +193,13 @@ def test_blocks_in_which_nothing_moves_have_no_say():
     assert abs(comparison.gain) < 1e-5
 
 
-def test_a_model_that_is_worse_in_all_is_not_better_however_many_blocks_say_so():
+def test_a_larger_total_error_is_refused_even_if_most_blocks_improve():
     before = np.full(20, 10.0)
     after = np.concatenate([np.full(19, 9.0), [1000.0]])
     assert paired(scores(before), scores(after)).errors <= 0.0
 
 
-def test_a_model_that_runs_away_is_not_better():
+def test_a_diverging_model_is_not_better():
     comparison = paired(scores(np.full(8, 10.0)), scores([np.inf, *np.full(7, 1.0)]))
     assert comparison.errors == -np.inf
 
@@ -214,7 +214,7 @@ def in_a_folder(dry, file, tmp_path, monkeypatch):
 SAID = ("dry.mcap", "--vehicle", "my.toml", "--choose", "--use", "odometer", "--use", "imu[2]", "--no-noise")
 
 
-def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, choice, capsys):
+def test_the_command_line_prints_rows_and_writes_the_chosen_model(in_a_folder, choice, capsys):
     with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--update", "--json"])
     assert exit_info.value.code == 0
@@ -228,14 +228,14 @@ def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, ch
     assert load("my.toml").value("model.quadratic_drag") == 0.0
 
 
-def test_what_choosing_does_not_go_with_is_reported(in_a_folder, capsys):
+def test_options_that_conflict_with_choose_are_refused(in_a_folder, capsys):
     with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--speed-noise"])
     assert exit_info.value.code == 2
     assert "--choose cannot be combined with --speed-noise. First choose" in capsys.readouterr().err
 
 
-def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, file):
+def test_terms_are_chosen_by_their_error_on_validation_runs(dry, bare, file):
     """Fitted to a car with dry friction: it is taken where held-out runs have it too, and not where they have none."""
     choices = [
         choose(drive(dry, 0, 20.0), file, ["dry friction"], use=USE, held_out=[drive(truth, 1, 20.0)])
@@ -246,19 +246,19 @@ def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, file):
     assert choices[0].fit.runs == ("run 0",)
 
 
-def test_a_run_that_is_fitted_to_chooses_nothing(dry, file):
+def test_a_fitted_run_cannot_be_a_validation_run(dry, file):
     run = drive(dry, 0)
     with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 0")):
         choose(run, file, use=USE, held_out=[run])
 
 
-def test_too_short_held_out_runs_are_refused(dry, file):
+def test_too_short_validation_runs_are_refused(dry, file):
     with pytest.raises(UsageError, check=of_code("choose.short")):
         choose(drive(dry, 0), file, use=USE, held_out=[drive(dry, 1, 8.0)])
 
 
 @pytest.mark.parametrize(("effect", "fall_v", "verdict"), [(1.0, 2.0, "taken"), (2.2, 0.4, "refused")])
-def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, file, effect, fall_v, verdict):
+def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file, effect, fall_v, verdict):
     """More than the whole voltage cannot reach a motor: something else changed with it."""
     u = random_steps([0.5, 0.8], 40.0, dry.rate_hz, 0)
     volts = np.linspace(6.0 + fall_v / 2, 6.0 - fall_v / 2, len(u))
@@ -281,7 +281,7 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, file, effect, f
 @pytest.mark.parametrize(
     ("x", "sd", "separable"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
 )
-def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, separable):
+def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, sd, separable):
     battery = Term("battery voltage", (BATTERY,), (0.0,), ((0.5,),))
     assert (not_separated(battery, np.array([x]), np.array([sd])) is None) == separable
     assert (
@@ -289,7 +289,7 @@ def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, s
     )
 
 
-def test_the_command_line_chooses_and_judges_by_the_held_out_run(in_a_folder, dry, tmp_path, capsys):
+def test_the_command_line_chooses_and_judges_by_the_validation_run(in_a_folder, dry, tmp_path, capsys):
     write_run(drive(dry, 1, 20.0), tmp_path / "other.mcap")
     with pytest.raises(SystemExit) as exit_info:
         main(["identify", *SAID, "--held-out", "other.mcap"])

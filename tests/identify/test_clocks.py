@@ -29,7 +29,7 @@ def drive_kind(kind, seed):
 
 
 @pytest.mark.parametrize(("kind", "late_s"), [("beacon", 0.04), ("compass", -0.025), ("encoders", 0.03)])
-def test_the_clock_of_a_slow_sensor_with_lost_readings_is_found(kind, late_s):
+def test_the_clock_of_a_slow_sensor_with_lost_readings_is_identified(kind, late_s):
     file, run = drive_kind(kind, 1)
     channel = run.sensors[kind]
     shifted = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))

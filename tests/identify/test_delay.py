@@ -27,7 +27,7 @@ def fit_delay(delay_s, start_s, seed):
     ("delay_s", "start_s"),
     [(0.05, 0.0), (0.05, 0.25), (0.05, 0.05), (0.001, 0.1), (0.0734, 0.25), (0.2, 0.0)],
 )
-def test_id8_a_delay_is_found_within_its_error_from_any_start(delay_s, start_s):
+def test_id8_a_delay_is_identified_within_its_error_from_any_start(delay_s, start_s):
     """0.05 and 0.2 s are whole ticks, 0.001 s is a tenth of one."""
     for seed in (1, 2):
         fit, estimate, sd, bound = fit_delay(delay_s, start_s, seed)
@@ -37,8 +37,8 @@ def test_id8_a_delay_is_found_within_its_error_from_any_start(delay_s, start_s):
         assert bound == 0
 
 
-def test_no_delay_is_found_as_none():
-    """It is the end of what is looked for, and says so."""
+def test_a_delay_of_zero_is_identified_as_zero():
+    """Zero is the end of the search range, and the fit reports this bound."""
     fit, estimate, _, bound = fit_delay(0.0, 0.1, 1)
     assert fit.converged
     assert abs(estimate) < 2e-4
@@ -49,7 +49,7 @@ LAG = "model.drivetrain.lag_s"
 SEEDS = range(300, 320)  # none was looked at while the search was made
 
 
-def test_delay_and_lag_of_the_motors_come_back_together():
+def test_delay_and_lag_of_the_motors_are_identified_together():
     """Late by a delay and slow by a lag look alike, and a dead zone gives every tick valleys of its own."""
     far = []
     for seed in SEEDS:
@@ -66,7 +66,7 @@ def test_delay_and_lag_of_the_motors_come_back_together():
     assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.4
 
 
-def test_a_delay_that_the_fit_has_not_is_reported_with_the_line_that_frees_it_and_not_after_that():
+def test_an_unmodelled_delay_is_reported_with_its_remedy_until_it_is_free():
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)
@@ -80,7 +80,7 @@ def test_a_delay_that_the_fit_has_not_is_reported_with_the_line_that_frees_it_an
     assert not any(reason.figures.get("term") == "delay" for reason in freed.reasons)
 
 
-def test_as_many_evaluations_are_reported_as_were_made(monkeypatch):
+def test_the_reported_number_of_evaluations_is_correct(monkeypatch):
     evaluations, evaluate = [], Residuals.evaluate
     monkeypatch.setattr(
         Residuals, "evaluate", lambda self, theta: evaluations.append(1) or evaluate(self, theta)

@@ -1,4 +1,4 @@
-"""Experiments in a room: inside for every vehicle that was believed possible, and worth more than the others."""
+"""Experiments in a room: every possible vehicle stays inside, and the designed signal is the most informative."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def plan(small):
     return designed(small, room_of(small, "2x2"), SECONDS)
 
 
-def test_a_designed_experiment_tells_more_than_every_other_signal_in_the_same_room(small, plan):
+def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_room(small, plan):
     room, informant = room_of(small, "2x2"), Informant(small)
     cloud = Cloud(small, possible_vehicles(small))
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
@@ -32,7 +32,7 @@ def test_a_designed_experiment_tells_more_than_every_other_signal_in_the_same_ro
         assert plan.mean_error < mean_error(informant.relative_sd(informant.information(u))), kind
 
 
-def test_a_designed_experiment_keeps_to_limits_room_and_time(small, plan):
+def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
     assert plan.u.shape == (round(SECONDS * small.rate_hz), 3)
     assert np.all(np.abs(plan.u) <= small.command.limit)
     assert np.all(plan.u[:100] == 0.0)
@@ -55,7 +55,7 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     assert not np.array_equal(first, different)
 
 
-def test_a_search_that_is_stopped_plans_with_what_it_has(small, monkeypatch):
+def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
     monkeypatch.setattr(planning, "FIRST", 40)
     texts = []
     plan = designed(small, room_of(small, "2x2"), 5.0, say=lambda text: texts.append(text) or True)
@@ -65,7 +65,7 @@ def test_a_search_that_is_stopped_plans_with_what_it_has(small, monkeypatch):
     assert plan.margin_m >= 0.0
 
 
-def test_vehicles_that_were_not_in_the_plan_stay_inside(small, plan):
+def test_vehicles_outside_the_planned_set_stay_inside_the_room(small, plan):
     truth = possible_vehicles(small, 0.17, vehicles=100, seed=77)
     cloud = Cloud(small, truth, seed=5)
     _, eta = cloud.drive(cloud.at(plan.room.start), plan.u)
@@ -73,7 +73,7 @@ def test_vehicles_that_were_not_in_the_plan_stay_inside(small, plan):
 
 
 @pytest.mark.parametrize(("name", "size"), [("small", "1.2x1.2"), ("case-study-1", "2x3"), ("car", "3x3")])
-def test_a_signal_that_would_leave_is_kept_inside_without_being_stilled(name, size):
+def test_a_signal_that_leaves_the_room_is_contained_without_stopping_the_vehicle(name, size):
     file = load(name)
     room = room_of(file, size)
     requested = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
@@ -86,14 +86,14 @@ def test_a_signal_that_would_leave_is_kept_inside_without_being_stilled(name, si
     assert np.all(np.abs(contained_drive.u) <= file.command.limit)
 
 
-def test_a_signal_that_stays_inside_is_not_touched(small):
+def test_a_signal_that_stays_inside_is_not_changed(small):
     requested = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
     contained_drive = contained(requested, small, room_of(small, "4x4"))
     assert contained_drive.replaced == 0.0
     assert np.array_equal(contained_drive.u, requested)
 
 
-def test_what_stands_for_a_chunk_is_never_larger_and_ends_with_no_command():
+def test_alternatives_to_a_command_are_never_larger_and_end_with_zero():
     requested = np.array([[0.8, 0.0, -0.4]])
     options = alternatives(requested)
     assert np.array_equal(options[0], requested)
@@ -102,7 +102,7 @@ def test_what_stands_for_a_chunk_is_never_larger_and_ends_with_no_command():
     assert any(np.array_equal(o, [[-0.8, 0.0, -0.4]]) for o in options)  # a car drives back on its own arc
 
 
-def test_information_is_that_of_differences(small):
+def test_information_equals_that_of_finite_differences(small):
     informant, rng = Informant(small), np.random.default_rng(0)
     u = np.repeat(rng.uniform(-1.0, 1.0, (6, 3)), 50, axis=0) * small.command.limit
     F = informant.information(u)
@@ -117,7 +117,7 @@ def test_information_is_that_of_differences(small):
     assert F[k, k] == pytest.approx(np.sum(slope**2), rel=1e-4)
 
 
-def test_more_data_are_never_worth_less(small):
+def test_more_data_never_reduce_the_information(small):
     informant = Informant(small)
     u = excitation("random_steps", small.command.limit, 10.0, small.rate_hz, 0)
     short, long = (informant.relative_sd(informant.information(x)) for x in (u[:500], u))
@@ -125,7 +125,7 @@ def test_more_data_are_never_worth_less(small):
     assert np.all(short <= 1.0)
 
 
-def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
+def test_the_return_path_of_a_segment_ends_at_its_start(small):
     out = np.zeros((300, 3))
     out[:, 0] = 0.8
     u = MotionPiece(out, 0).u(400, small.command.limit)
@@ -137,19 +137,19 @@ def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
     assert np.hypot(*eta[0, -1, :2]) < 0.03
 
 
-def test_poses_are_distinguished_from_where_the_vehicle_is():
+def test_a_pose_relative_to_the_vehicle_is_transformed_to_the_map():
     pose = in_map(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
     np.testing.assert_allclose(pose, [1.0, 2.5, np.pi / 2 + 0.1])
 
 
-def test_a_vehicle_that_was_fitted_is_believed_as_its_covariance_says(small):
+def test_possible_vehicles_of_a_fit_are_drawn_from_its_covariance(small):
     fitted = possible_vehicles(small, 0.2)
     assert np.std(np.log(fitted.theta[1:] / fitted.theta[0])) == pytest.approx(0.2, rel=0.1)
     np.testing.assert_allclose(np.mean(np.log(fitted.theta[1:] / fitted.theta[0]), axis=0), 0.0, atol=1e-12)
 
 
-def test_a_vehicle_believed_possible_has_as_much_friction_as_was_seen_however_it_is_split(small):
-    """A short drive tells how soon a vehicle stops, and not by which friction: their errors hang together."""
+def test_possible_vehicles_have_the_measured_total_friction(small):
+    """A short drive identifies the stopping distance but not the kind of friction: the errors are correlated."""
     names = ("model.friction.linear[0]", "model.friction.quadratic[0]", "model.friction.coulomb[0]")
     values = dict(zip(names, (0.5, 1.0, 0.1), strict=True))
     speed = 0.5
@@ -172,7 +172,7 @@ def test_the_radius_is_that_of_the_whole_vehicle():
 
 
 @pytest.mark.parametrize("size", ["2", "axb", "2x", "2x2x2", "..x1"])
-def test_a_room_that_is_not_a_room_says_what_to_type(small, size):
+def test_an_unreadable_room_is_refused_with_an_example(small, size):
     with pytest.raises(UsageError, check=of_code("room.unreadable")):
         room_of(small, size)
 
@@ -182,7 +182,7 @@ def test_a_room_smaller_than_the_body_is_refused(small):
         room_of(small, "0.1x2")
 
 
-def test_the_vehicle_that_goes_furthest_may_go_half_as_far_again():
+def test_the_room_margin_adds_half_the_distance_of_the_furthest_vehicle():
     """Nine stand, one is 0.5 m across: 0.45 m from their mean of 0.05 m, and three deviations are 0.45 m too."""
     ways = np.zeros((10, 2, 3))
     ways[0, 1, 1] = 0.5
@@ -190,7 +190,7 @@ def test_the_vehicle_that_goes_furthest_may_go_half_as_far_again():
 
 
 @pytest.mark.parametrize(("speed_m_s", "slides"), [(1.6, False), (1.9, True)])
-def test_a_curve_in_which_tyres_slide_is_too_fast(speed_m_s, slides):
+def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     """On a circle of 1 m: 2.6 and 3.6 m/s²."""
     room = room_of(load("car"), "4x4")
     way = speed_m_s * np.arange(100) / 50.0
@@ -200,7 +200,7 @@ def test_a_curve_in_which_tyres_slide_is_too_fast(speed_m_s, slides):
     assert bool(Room(4.0, 4.0).slow(eta[None], 50.0))
 
 
-def test_a_gentler_piece_turns_less_and_drives_as_fast():
+def test_a_gentler_segment_turns_less_at_the_same_speed():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
     np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
@@ -208,12 +208,12 @@ def test_a_gentler_piece_turns_less_and_drives_as_fast():
     np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE)
 
 
-def test_a_start_in_the_wall_is_refused():
+def test_a_start_inside_a_wall_is_refused():
     with pytest.raises(UsageError, check=of_code("room.start")):
         Room(2.0, 2.0, 0.1, (0.95, 0.0, 0.0))
 
 
-def test_a_start_that_cannot_be_kept_inside_is_reported(car_like):
+def test_a_start_that_cannot_stay_inside_the_room_is_reported(car_like):
     file, room = car_like
     with pytest.raises(AnswerNo, match="larger room"):
         contained(np.zeros((200, 3)), file, room)

@@ -46,21 +46,21 @@ def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
     """Those that take the noise for the same all along the run: what the design makes smaller."""
     _, runs, _ = rounds_of_design
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_piece: cov)
+        patch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
         fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
         assert 0.0 < second < first < 0.1, name
 
 
-def test_error_bars_that_are_reported_are_smaller_after_the_last_round_than_after_the_first(rounds_of_design):
+def test_reported_error_bars_are_smaller_after_the_last_round(rounds_of_design):
     """Of what is to be known, on the whole. One may grow: what parts of a run disagree about shows with the next."""
     first, *_, last = rounds_of_design[0].rounds
     ratios = [last.relative_sd(name) / first.relative_sd(name) for name in SURE]
     assert 0.0 < np.exp(np.mean(np.log(ratios))) < 0.95
 
 
-def test_id14_error_bars_of_each_round_hold_the_vehicle(rounds_of_design, truth):
+def test_id14_error_bars_of_each_round_cover_the_true_parameters(rounds_of_design, truth):
     """Five or more of 19 intervals of 95 % that are independent miss in 2 of 1,000 fits."""
     rounds, _, _ = rounds_of_design
     for design_round in rounds.rounds:
@@ -73,7 +73,7 @@ def test_id14_error_bars_of_each_round_hold_the_vehicle(rounds_of_design, truth)
             assert 0.0 < design_round.relative_sd(name) < 0.1, name
 
 
-def test_what_was_found_is_the_vehicle_that_was_driven(rounds_of_design, truth):
+def test_the_last_round_identifies_the_driven_vehicle(rounds_of_design, truth):
     fit = rounds_of_design[0].rounds[-1].fit
     for name, x in (
         ("[0,0]", truth.vehicle.actuator_matrix[0, 0]),
@@ -83,14 +83,14 @@ def test_what_was_found_is_the_vehicle_that_was_driven(rounds_of_design, truth):
         assert abs(fit.value(name) - x) < 4.0 * fit.sd[fit.names.index(name)]
 
 
-def test_no_wall_is_touched(rounds_of_design):
+def test_no_design_round_touches_a_wall(rounds_of_design):
     _, runs, room = rounds_of_design
     assert len(runs) == 3
     for run in runs:
         assert np.all(np.abs(run.truth.eta[:, :2]) <= room.free)
 
 
-def test_the_table_tells_every_round(rounds_of_design):
+def test_the_table_lists_every_round(rounds_of_design):
     rounds, _, _ = rounds_of_design
     assert {row["round"] for row in rounds.rows()} == {1, 2}
     assert "round 2" in rounds.table().splitlines()[0]

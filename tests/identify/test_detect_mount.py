@@ -1,4 +1,4 @@
-"""An IMU whose axes are not those of the model is named with the line to write, where the data tell."""
+"""An IMU whose axes differ from those of the model is named with a remedy if the data show it."""
 
 from dataclasses import replace
 
@@ -24,8 +24,8 @@ def codes(findings):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_swapped_axes_of_a_vehicle_that_may_move_in_any_way_are_refused_and_named(case, case_run, seed):
-    """Its gains make up for a swap but for the sign of what a turn feels like."""
+def test_swapped_imu_axes_of_an_omnidirectional_vehicle_are_refused_and_named(case, case_run, seed):
+    """The gains compensate a swap, except the sign of the acceleration in a turn."""
     fit = identify(with_imu(case_run(seed, 20.0), lambda z: z[:, [1, 0, 2]]), case)
     assert fit.verdict == "REFUSED"
     assert "mount.swapped" in codes(fit.reasons)
@@ -40,15 +40,15 @@ def test_an_inverted_axis_is_named_with_its_line(case, case_run, axis, which):
     assert f"mount.{which}-inverted" in codes(fit.reasons)
 
 
-def test_motors_that_are_swapped_are_not_taken_for_an_imu_that_is(case, case_run):
-    """Everything is explained as it is: only the file says otherwise."""
+def test_swapped_motors_are_not_reported_as_a_swapped_imu(case, case_run):
+    """The model explains every channel; only the gains differ from the file."""
     run = case_run(0, 20.0)
     fit = identify(replace(run, applied=run.applied * [1.0, 1.0, -1.0]), case)
     assert "model.actuator_matrix[2,2]" in {reason.subject for reason in fit.reasons}
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 
 
-def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, case_run):
+def test_an_unmodelled_dead_zone_is_not_reported_as_a_mounting_error(case, case_run):
     """A dead zone that the model lacks."""
     run, limit = case_run(0, 20.0), np.maximum(case.command.limit, 1e-9)
     part = run.applied / limit
@@ -58,7 +58,7 @@ def test_what_is_not_in_the_model_is_not_taken_for_a_mount(case, case_run):
     assert not any(code.startswith("mount.") for code in codes(fit.reasons))
 
 
-def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
+def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     names = ["model.actuator_matrix[1,2]", "model.actuator_matrix[2,2]"]
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
@@ -70,7 +70,7 @@ def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
     assert [finding.code for finding in findings] == ["file.swapped"]
 
 
-def test_an_imu_3_cm_off_the_centre_that_its_file_has_at_the_centre_is_not_swapped():
+def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     """A robot of the independent truth; the fit may not move the lever arm."""
     seed = 700
     q = robot(seed)

@@ -42,7 +42,7 @@ def push_response(blocks, record, push):
         ("sideways, y", 1, lambda nu: nu[:, 0] * nu[:, 2]),
     ],
 )
-def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code, axis, phi):
+def test_the_column_of_a_push_is_the_response_to_a_small_push(end, code, axis, phi):
     problem, theta = end.task.problem, end.search.solution.theta
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
@@ -63,7 +63,7 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
         np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))
 
 
-def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
+def test_testing_parts_equals_testing_columns_that_are_zero_elsewhere(end):
     problem, theta = end.task.problem, end.search.solution.theta
     identifiable = np.concatenate(
         [
@@ -85,7 +85,7 @@ def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
             )
 
 
-def test_a_probe_that_ran_away_asks_nothing(end):
+def test_a_diverged_probe_is_left_out_of_the_score_test(end):
     problem, theta = end.task.problem, end.search.solution.theta
     residuals = fit_residuals(problem, theta, np.ones(problem.size, bool))
     D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.psi), 1.0)])

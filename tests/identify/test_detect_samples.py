@@ -1,4 +1,4 @@
-"""Samples that are no measurements are found by what chance allows, and left out; sound samples are not."""
+"""Samples that are not measurements are detected by chance limits and left out; sound samples are not."""
 
 import numpy as np
 import pytest
@@ -31,14 +31,14 @@ def codes(findings):
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("step", [0.0, 1e-3])
-def test_sound_samples_are_left_alone(seed, step):
+def test_sound_samples_are_not_changed(seed, step):
     z = motion(seed=seed, step=step)
     after, findings = check_samples("imu", IMU, channel(z))
     assert findings == []
     assert np.array_equal(after.z, z)
 
 
-def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
+def test_rotated_and_rounded_converter_readings_are_left_alone():
     z = motion(step=6e-4, n=8000)
     z[:, 2] = motion(n=8000)[:, 0]
     last = np.random.default_rng(3).integers(0, 3, z.shape)
@@ -50,7 +50,7 @@ def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
 
 
 @pytest.mark.parametrize("every", [2, 5, 8])
-def test_of_held_samples_the_new_ones_are_kept(every):
+def test_only_the_first_of_repeated_samples_remains(every):
     z = motion()
     repeated_z = z[np.arange(len(z)) // every * every]
     after, findings = check_samples("imu", IMU, channel(repeated_z))
@@ -60,7 +60,7 @@ def test_of_held_samples_the_new_ones_are_kept(every):
     assert findings[0].subject == "imu"  # of all channels alike, so said once
 
 
-def test_id7_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
+def test_id7_a_stuck_channel_loses_only_the_time_of_the_fault():
     z = motion()
     z[1000:1500, 2] = z[1000, 2]
     after, findings = check_samples("imu", IMU, channel(z))
@@ -81,7 +81,7 @@ def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
     assert np.isfinite(after.z[~zero]).all()
 
 
-def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_ones_are_not():
+def test_zeros_of_encoders_at_rest_stay_and_isolated_zeros_are_removed():
     wheels, rng = Wheels(track_m=0.1, noise_std=0.01), np.random.default_rng(0)
     v = np.concatenate([np.zeros(300), 0.5 + 0.01 * rng.standard_normal(700)])
     lost_rows = np.arange(400, 900, 37)
@@ -91,7 +91,7 @@ def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_o
     assert codes(findings) == {"data.zeros"}
 
 
-def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
+def test_many_samples_at_the_largest_value_are_reported_as_clipped():
     z = motion()
     clipped_z = np.clip(z, -1.2, 1.2)
     after, findings = check_samples("imu", IMU, channel(clipped_z))
@@ -102,7 +102,7 @@ def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
     assert np.isfinite(after.z[:, 2]).all()  # it never reached the end
 
 
-def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
+def test_id6_clipped_samples_are_left_out_without_a_bias():
     t = np.arange(20_000) / 100.0
     truth = 1.5 * np.sin(t)
     z = truth + 0.1 * np.random.default_rng(3).standard_normal(len(t))
@@ -114,7 +114,7 @@ def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
     assert abs(error) < 0.5 * abs(pull)
 
 
-def test_a_channel_without_life_is_left_out_and_doubted():
+def test_a_constant_channel_is_left_out_with_a_warning():
     z = motion()
     z[:, 1] = 0.0
     after, findings = check_samples("imu", IMU, channel(z))
@@ -131,7 +131,7 @@ def test_the_noise_is_reported_from_the_values_that_changed():
 
 
 @pytest.mark.parametrize("period_s", [64e-6, 4e-6])
-def test_encoders_that_measure_the_time_of_a_step_are_neither_held_nor_stuck(period_s):
+def test_encoders_that_time_one_step_are_neither_repeating_nor_stuck(period_s):
     """Steps of 12 a turn, of a wheel that follows commands by a lag of 50 ms and then rolls evenly."""
     rng = np.random.default_rng(0)
     requested = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is all that it does

@@ -1,4 +1,4 @@
-"""Tyres that slip: what they cost a car is found beside the drag of cornering that the model has."""
+"""Slipping tyres: their drag is estimated in addition to the modelled cornering drag."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ SECONDS = 30.0
 DRAG = "model.linear_drag"
 
 
-def test_a_drag_that_grows_with_the_square_of_the_sideways_acceleration_widens_the_errors():
+def test_unmodelled_tyre_slip_drag_widens_the_errors():
     """A car of the independent truth on soft tyres. Its rolling drag comes out low, being mistaken for that slip."""
     car = trials.car(702, "understeer")
     file = car_file(car)

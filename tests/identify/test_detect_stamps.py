@@ -1,4 +1,4 @@
-"""Time that is no time: the run is cut, spread or told, and never integrated across."""
+"""Wrong time: the run is split, spread or reported, and never integrated across a wrong time."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ def codes(findings):
     return [finding.code for finding in findings]
 
 
-def test_a_sound_run_is_given_back_as_it_is(case_run):
+def test_a_sound_run_is_returned_unchanged(case_run):
     run = case_run(0, 20.0)
     pieces, findings = check_timestamps(run, 100.0)
     assert findings == []
@@ -35,7 +35,7 @@ def test_id3_half_a_step_of_jitter_is_not_a_burst(case_run):
     assert len(pieces) == 1
 
 
-def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(case_run, case, off):
+def test_id3_a_clock_jump_of_one_day_splits_the_run(case_run, case, off):
     run = case_run(0, 20.0)
     jump = move_stamps(run, lambda t: t + np.where(t >= run.t_ns[900], 86_400 * 10**9, 0))
     pieces, findings = check_timestamps(jump, 100.0)
@@ -47,7 +47,7 @@ def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(case_run, case, of
     assert [note.figures["jumps"] for note in fit.notes if note.code == "time.jump"] == [1]
 
 
-def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(case_run):
+def test_a_clock_that_jumps_throughout_is_an_error_without_a_cut(case_run):
     run = case_run(0, 20.0)
     jumps = move_stamps(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
     pieces, several = check_timestamps(jumps, 100.0)
@@ -70,14 +70,14 @@ def test_a_clock_in_another_unit_is_refused_by_its_name(case_run, case, factor, 
     assert reason.figures["guess"].code == f"time.{guess}"
 
 
-def test_bursts_are_spread_from_the_end_of_one_to_the_end_of_the_next():
+def test_timestamps_of_bursts_are_spread_evenly_between_their_ends():
     regular = np.arange(1, 101) * 10_000_000
     last = np.minimum((np.arange(100) // 5 + 1) * 5 - 1, 99)
     burst = regular[last] - (last - np.arange(100)) * 10_000
     assert np.max(np.abs(spread(burst) - regular)) < 10_000
 
 
-def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(case_run, case, off):
+def test_a_sensor_stamped_in_bursts_is_fitted_with_a_warning(case_run, case, off):
     run = case_run(0, 20.0)
     c = run.sensors["imu"]
     last = np.minimum((np.arange(len(c.t_ns)) // 6 + 1) * 6 - 1, len(c.t_ns) - 1)
@@ -88,7 +88,7 @@ def test_a_sensor_that_is_stamped_in_bursts_is_fitted_and_doubted(case_run, case
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_samples_whose_stamp_is_not_their_time_are_left_out(case_run, case, off):
+def test_samples_with_wrong_timestamps_are_left_out(case_run, case, off):
     run = case_run(0, 20.0)
     c = run.sensors["imu"]
     back = np.arange(len(c.t_ns)) > 1200

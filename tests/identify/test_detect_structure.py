@@ -1,4 +1,4 @@
-"""What is not in the model is named, and by how much it would move a parameter; what is in it is not.
+"""An unmodelled effect is named with the parameter shift that it causes; a modelled effect is not.
 
 The study of faults shows the rates over many seeds (tests/study/test_faults.py, `baqueano study faults`). Chance
 makes 1 of 40,000 answers clear; of the 250 that are asked of a fit, 0.6 % have one.
@@ -30,14 +30,14 @@ def codes(findings):
 
 @pytest.mark.parametrize("kind", ["random_steps", "prbs"])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_sound_fit_leaves_no_doubt(case, seed, kind):
+def test_a_sound_fit_gives_no_warning(case, seed, kind):
     from baqueano.identify import excitation
 
     fit = identify(simulate(case, excitation(kind, case.command.limit, 30.0, 100.0, seed), seed), case)
     assert fit.verdict == "USABLE", fit.reasons
 
 
-def test_a_command_that_comes_late_is_seen(case, u):
+def test_a_late_command_is_detected(case, u):
     late = np.concatenate([np.zeros((3, 3)), u[:-3]])
     fit = identify(driven_as(case, u, late), case)
     assert fit.verdict == "WARN"
@@ -52,7 +52,7 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     assert "term.dry-friction" in {reason.figures["what"].code for reason in missing}
 
 
-def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(case, u):
+def test_a_parameter_change_within_a_run_is_reported(case, u):
     worn_case = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     first = simulate(case, u, 0)
     second = simulate(worn_case, u[1500:], 1, nu0=first.truth.nu[1499])
@@ -68,7 +68,7 @@ def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(c
     )  # what the halves show is in it
 
 
-def test_of_two_runs_of_two_vehicles_the_difference_is_reported(case, u):
+def test_a_difference_between_two_runs_of_two_vehicles_is_reported(case, u):
     worn_case = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, worn_case))]
     fit = identify(runs, case)
@@ -76,7 +76,7 @@ def test_of_two_runs_of_two_vehicles_the_difference_is_reported(case, u):
     assert "residual.parts-differ" in codes(fit.reasons)
 
 
-def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, u):
+def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
     """The answer of a probe is the fit with that term, to first order."""
     from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 
@@ -105,7 +105,7 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
     assert abs(after) < 0.5 * abs(before)
 
 
-def test_a_parameter_at_a_bound_where_chance_put_it_is_a_note(small):
+def test_a_parameter_at_its_bound_by_chance_is_only_a_note(small):
     notes, reasons = [], []
     for seed in range(3):
         run = simulate(small, random_steps(small.command.limit, 20.0, 100.0, seed), seed)
@@ -116,7 +116,7 @@ def test_a_parameter_at_a_bound_where_chance_put_it_is_a_note(small):
     assert "bound.low-held" not in codes(reasons)
 
 
-def test_what_a_parameter_may_be_off_by_is_added_to_its_error():
+def test_the_possible_shift_of_a_parameter_is_added_to_its_error():
     from baqueano.identify.diagnostics import widened
 
     cov = widened(np.diag([16.0, 1.0]), ("a", "b"), {"a": 3.0, "c": 1.0})

@@ -40,7 +40,7 @@ def at_ten_hertz():
 
 
 def accused(fit):
-    """What the reasons say of the gyro's unit, by itself or beside the accelerometer."""
+    """The reasons that concern the gyro's unit, alone or with the accelerometer."""
     both = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE]
     return [*both, *(reason for reason in fit.reasons if reason.code == "gyro.unit")]
 
@@ -48,7 +48,7 @@ def accused(fit):
 @pytest.mark.parametrize(
     ("factor", "unit", "was"), [(DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")]
 )
-def test_a_slow_car_is_reported_which_unit_its_gyro_has(at_ten_hertz, factor, unit, was):
+def test_the_gyro_unit_of_a_slow_car_is_reported(at_ten_hertz, factor, unit, was):
     file, run = at_ten_hertz
     for use in (None, ("imu",)):
         fit = identify(with_gyro(run, factor), file, use=use)
@@ -57,7 +57,7 @@ def test_a_slow_car_is_reported_which_unit_its_gyro_has(at_ten_hertz, factor, un
         assert (finding.figures["given"], finding.figures["read"]) == (unit, was)
 
 
-def test_without_wheels_the_commands_tell(small):
+def test_commands_reveal_the_gyro_unit_without_wheels(small):
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(with_gyro(run, 1.0 / DEGREES), small)
     assert fit.verdict == "REFUSED"
@@ -65,7 +65,7 @@ def test_without_wheels_the_commands_tell(small):
 
 
 @pytest.mark.parametrize("part", [30.0, 57.0])
-def test_where_a_search_begins_says_nothing_of_the_gyro(small, part):
+def test_the_start_of_the_search_does_not_accuse_the_gyro(small, part):
     path = "model.actuator_matrix[2,2]"
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(run, small, options=FitOptions(start={path: small.value(path) / part}))
@@ -78,7 +78,7 @@ FRICTION = "model.friction.linear"
 
 @pytest.fixture(scope="module")
 def guessed_sticky(small):
-    """A run of a vehicle that turns freely, and the file that tells 84 times its friction."""
+    """A run of a vehicle that turns freely, and a file with 84 times its friction."""
     linear = small.vehicle.friction.linear
     quiet = small.with_values({"model.friction.coulomb": [0.25, 0.0, 0.003]})
     free = quiet.with_values({FRICTION: [*linear[:2], linear[2] / 3.0]})
@@ -86,15 +86,15 @@ def guessed_sticky(small):
     return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guess
 
 
-def test_a_fit_that_keeps_the_gains_of_the_file_clears_the_gyro_of_a_guessed_friction(guessed_sticky):
+def test_a_fitted_gain_near_the_file_clears_the_gyro_with_guessed_friction(guessed_sticky):
     run, file = guessed_sticky
     fit = identify(run, file)
     assert fit.value("model.actuator_matrix[2,2]") == pytest.approx(0.203, rel=0.02)
     assert fit.verdict == "USABLE", fit.reasons
 
 
-def test_a_wheelbase_that_makes_up_for_the_unit_clears_nothing(at_ten_hertz):
-    """A vehicle of 9 m turns as slowly as a gyro in rad/s that was read as deg/s says."""
+def test_a_wheelbase_that_compensates_the_unit_does_not_clear_the_gyro(at_ten_hertz):
+    """A vehicle of 9 m turns as slowly as a gyro in rad/s that is read as deg/s."""
     file, run = at_ten_hertz
     c = run.sensors["imu"]
     gyro_alone = replace(
@@ -108,7 +108,7 @@ def test_a_wheelbase_that_makes_up_for_the_unit_clears_nothing(at_ten_hertz):
 
 
 @pytest.mark.parametrize("guess", [0.5, 1.0, 2.0])
-def test_a_sound_gyro_of_a_car_that_was_guessed_to_a_factor_of_two_has_no_doubt(at_ten_hertz, guess):
+def test_a_wrong_guess_of_the_steering_gain_does_not_accuse_the_gyro(at_ten_hertz, guess):
     file, run = at_ten_hertz
     gain = guess * file.vehicle.steering_gain
     fit = identify(run, override(file, [f"model.steering_gain={gain}"]))
@@ -116,14 +116,14 @@ def test_a_sound_gyro_of_a_car_that_was_guessed_to_a_factor_of_two_has_no_doubt(
 
 
 def beside_wheels(imu, wheels, rate_hz):
-    """What is said of the gyro of rows `imu` (n, 3) by `wheels` (n, 2), 0.2 m apart, of the same times."""
+    """The findings on the gyro of rows `imu` (n, 3) from `wheels` (n, 2), 0.2 m apart, at the same times."""
     t_ns = (np.arange(len(imu)) * NANOSECONDS / rate_hz).astype(np.int64)
     sensors = {"imu": Channel(t_ns, t_ns, imu), "wheels": Channel(t_ns, t_ns, wheels)}
     file = SimpleNamespace(sensors=SimpleNamespace(_asdict=lambda: {"wheels": Wheels(track_m=0.2)}))
     return physical_units.check_gyro_unit(SimpleNamespace(sensors=sensors), file, "imu")
 
 
-def test_two_wheels_tell_though_they_skid():
+def test_skidding_wheels_still_reveal_the_gyro_unit():
     rng, n = np.random.default_rng(0), 600
     omega = np.repeat(rng.normal(size=n // 20), 20)
     wheels = (
@@ -137,8 +137,8 @@ def test_two_wheels_tell_though_they_skid():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_wheels_that_turn_as_the_gyro_does_clear_it_though_an_axis_of_the_plane_points_up(seed):
-    """2 % of what is across, as data sheets allow, is all that such an axis tells of a curve."""
+def test_wheels_clear_the_gyro_if_an_accelerometer_axis_points_up(seed):
+    """Such an axis measures only 2 % of a sideways acceleration, as data sheets allow."""
     rng, n = np.random.default_rng(seed), 6000
     omega, v = np.repeat(rng.normal(size=60), 100), np.repeat(rng.uniform(0.5, 1.5, 60), 100)
     wheels = np.column_stack([v - 0.1 * omega, v + 0.1 * omega]) + 0.02 * rng.normal(size=(n, 2))
@@ -147,7 +147,7 @@ def test_wheels_that_turn_as_the_gyro_does_clear_it_though_an_axis_of_the_plane_
     assert beside_wheels(imu, wheels, 100.0) == []
 
 
-def test_a_curve_alone_accuses_gyro_and_accelerometer(at_ten_hertz):
+def test_one_curve_without_wheels_accuses_gyro_and_accelerometer(at_ten_hertz):
     file, run = at_ten_hertz
     (finding,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
     assert finding.figures["gyro"].figures["given"] == "deg/s"
@@ -157,7 +157,7 @@ def test_a_curve_alone_accuses_gyro_and_accelerometer(at_ten_hertz):
 
 @pytest.mark.parametrize("seed", [0, 3])
 @pytest.mark.parametrize("use", [None, ("imu",)])
-def test_an_accelerometer_in_mg_leaves_the_gyro_alone_where_the_model_turns_with_it(seed, use):
+def test_an_accelerometer_in_mg_does_not_accuse_a_sound_gyro(seed, use):
     run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
     c, milli_g = run.sensors["imu"], 1000.0 / STANDARD_GRAVITY
     run = replace(run, sensors={**run.sensors, "imu": c._replace(z=c.z * [milli_g, milli_g, 1.0])})
@@ -169,7 +169,7 @@ def test_an_accelerometer_in_mg_leaves_the_gyro_alone_where_the_model_turns_with
 
 
 def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
-    """A motor that was guessed 30 times too weak is told by its gain."""
+    """The gain reveals a motor that was guessed 30 times too weak."""
     file = parse(small.text + "[sensors.wheels]\nrate_hz = 50.0\nnoise_std = 0.01\n", "small")
     run = simulate(file, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     matrix = file.vehicle.actuator_matrix * [1.0, 1.0, 1.0 / 30.0]
@@ -184,7 +184,7 @@ def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
     not any((folder / "cpm_mucar").is_dir() for folder in data_folders()),
     reason="the recordings of the CPM Lab are not here",
 )
-def test_a_recorded_car_is_named_in_either_unit_and_not_where_it_is_right():
+def test_a_wrong_gyro_unit_of_a_recorded_car_is_named():
     run = import_run("cpm_run_a").run
     assert physical_units.check_gyro_unit(run, car, "imu") == []
     for factor, unit in ((DEGREES, "deg/s"), (1.0 / DEGREES, "rad/s")):

@@ -1,4 +1,4 @@
-"""Units, axes and signs that cannot be meant are told before a fit is believed."""
+"""Impossible units, axes and signs are reported before a fit is accepted."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ def test_id2_a_gyro_in_degrees_is_refused(case_run, case):
     assert "gyro.too-fast" in reasons(fit) or "guess.degrees" in guesses(fit)
 
 
-def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, case_run):
+def test_gain_and_noise_reveal_slow_turns_in_degrees(case, case_run):
     slow = case.with_values({"command.limit": [20.0, 0.0, 6.0]})
     fit = identify(with_imu(case_run(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
@@ -46,7 +46,7 @@ def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(case_run, case):
 
 
 @pytest.mark.parametrize(("factor", "guess"), [(255.0, "PWM (0 … 255)"), (8.4, "V")])
-def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
+def test_a_command_beyond_its_limit_is_reported_as_a_wrong_unit(small, factor, guess):
     from baqueano.identify import random_steps
     from baqueano.simulate import simulate
 
@@ -56,7 +56,7 @@ def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
     assert reasons(fit)["command.unit"].figures["guess"] == guess
 
 
-def test_gravity_in_the_plane_is_reported(case_run, case):
+def test_gravity_in_a_horizontal_axis_is_reported(case_run, case):
     def upright(z):
         z[:, 1] = 9.80665 + 0.05 * np.random.default_rng(0).standard_normal(len(z))
         return z
@@ -72,21 +72,21 @@ def test_gravity_in_the_plane_is_reported(case_run, case):
 
 @pytest.fixture(scope="module")
 def turned_run(small):
-    """A run of the small vehicle, whose accelerometer feels the turns."""
+    """A run of the small vehicle, whose accelerometer measures the turns."""
     from baqueano.identify import random_steps
     from baqueano.simulate import simulate
 
     return simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 1), 1)
 
 
-def test_swapped_axes_follow_each_others_predictions(turned_run, small):
+def test_swapped_axes_are_detected_by_each_others_predictions(turned_run, small):
     fit = identify(with_imu(turned_run, lambda z: z[:, [1, 0, 2]]), small)
     assert fit.verdict == "REFUSED"
     swap = reasons(fit)["axes.swapped"]
     assert (swap.subject, swap.figures["other"]) == ("imu[0]", "imu[1]")
 
 
-def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_was_the_largest(case):
+def test_swapped_axes_without_turns_are_detected_by_the_gain_matrix(case):
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
@@ -98,19 +98,19 @@ def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_wa
     assert axes == ["axis.forward", "axis.sideways"]
 
 
-def test_an_inverted_accelerometer_goes_against_the_model(turned_run, small):
+def test_an_inverted_accelerometer_contradicts_the_model(turned_run, small):
     fit = identify(with_imu(turned_run, lambda z: z * [1.0, -1.0, 1.0]), small)
     assert fit.verdict == "REFUSED"
     assert reasons(fit)["axes.inverted"].subject == "imu[1]"
 
 
-def test_an_inverted_gyro_is_reported_by_the_sign_of_the_gain_and_by_the_accelerometer(turned_run, small):
+def test_an_inverted_gyro_is_reported_by_gain_sign_or_accelerometer(turned_run, small):
     fit = identify(with_imu(turned_run, lambda z: z * [1.0, 1.0, -1.0]), small)
     assert fit.verdict != "USABLE"
     assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
 
 
-def test_an_inverted_gain_is_reported_where_nothing_else_contradicts_it(case):
+def test_an_inverted_gain_alone_is_a_warning(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
     findings = gain_changes.check_gain_changes(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
@@ -120,7 +120,7 @@ def test_an_inverted_gain_is_reported_where_nothing_else_contradicts_it(case):
     assert (findings[0].figures["now"], findings[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
 
 
-def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(case_run, case):
+def test_friction_guessed_by_a_factor_of_two_gives_a_usable_fit(case_run, case):
     guess = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
     assert identify(case_run(0, 20.0), guess).verdict == "USABLE"
 
@@ -128,9 +128,7 @@ def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(case_run, cas
 @pytest.mark.parametrize(
     ("times", "codes"), [(0.48, []), (2.1, []), (3.6, ["file.gain"]), (1 / 3.6, ["file.gain"])]
 )
-def test_a_gain_that_is_half_or_double_that_of_the_file_is_not_a_reason_and_another_unit_is(
-    case, times, codes
-):
+def test_only_a_gain_far_from_the_file_gives_a_reason(case, times, codes):
     was = case.value("model.actuator_matrix[2,2]")
     findings = gain_changes.gains(
         FittedBlocks(case.vehicle, case.sensors),
@@ -141,6 +139,6 @@ def test_a_gain_that_is_half_or_double_that_of_the_file_is_not_a_reason_and_anot
     assert [finding.code for finding in findings] == codes
 
 
-def test_id10_half_a_second_of_data_is_refused_for_what_it_shows(case_run, case):
+def test_id10_half_a_second_of_data_is_refused(case_run, case):
     fit = identify(case_run(0, 20.0).cut(2.0, 2.5), case)
     assert fit.verdict == "REFUSED"

@@ -1,4 +1,4 @@
-"""What a log tells of the noise of the recommended filter: of a mark that is seldom passed less than of a gyro."""
+"""The noise parameters of the recommended filter that a log can identify: fewer for a rare mark than for a gyro."""
 
 from types import SimpleNamespace
 
@@ -17,15 +17,15 @@ NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
 @pytest.mark.parametrize(
     ("tags", "free"), [(0, []), (SOME, FORWARD[:1]), (FEWEST - 1, FORWARD[:1]), (FEWEST, [*FORWARD, *NOISE])]
 )
-def test_few_readings_tell_the_size_of_a_misfit_and_nothing_of_their_own_noise(tags, free):
+def test_few_readings_free_the_misfit_but_not_the_noise_of_their_sensor(tags, free):
     ekf = parse(load("small").text + TAGS, "small").estimator(use=("imu", "tags"))
     paths = {parameter.path for parameter in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
     assert {path for path in paths if "[1]" not in path and "[2]" not in path} == set(free)
     assert {"disturbance_std[1]", "disturbance_fade_s[1]", "velocity_walk_std[2]"} <= paths
 
 
-def test_a_speed_that_is_counted_is_no_better_known_than_its_step():
-    """Nor is one whose readings never repeat; and a tag, which says the same place again and again, is not counted."""
+def test_noise_of_a_counted_speed_is_at_least_its_step():
+    """Readings that never repeat have no step; a tag, which repeats its position, is not treated as counted."""
     text = load("small").text + TAGS + '\n[sensors.odometer]\nkind = "odometer"\n'
     its = layout(parse(text, "small").estimator(use=("imu", "odometer", "tags")))
     rng = np.random.default_rng(3)

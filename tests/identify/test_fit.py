@@ -47,7 +47,7 @@ def fits(case, case_run):
     return [identify(case_run(seed), case) for seed in range(12)]
 
 
-def test_case_study_1_is_found_within_its_error_bars(case, fits, off):
+def test_case_study_1_is_identified_within_its_error_bars(case, fits, off):
     z = np.array([off(fit, case) for fit in fits])
     assert z.shape == (12, 12)
     assert np.max(np.abs(z)) < 4.5
@@ -66,7 +66,7 @@ def test_id14_standard_errors_are_those_of_the_cramer_rao_bound(case, fits):
         assert sd < 1.0 or name == "friction.quadratic[1]"
 
 
-def test_the_column_of_a_command_that_the_vehicle_lacks_is_null_once_in_words_and_no_reproach(fits):
+def test_gains_of_an_absent_command_are_null_and_reported_once(fits):
     fit = fits[0]
     null = [row["name"] for row in fit.rows() if row["estimate"] is None]
     assert null == [f"model.actuator_matrix[{i},1]" for i in range(3)]
@@ -91,7 +91,7 @@ def test_id11_wrong_starts_by_factors_of_five_with_any_sign_converge(case, case_
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_id5_one_outlier_in_ten_hardly_matters(case, case_run, off):
+def test_id5_ten_percent_outliers_hardly_change_the_fit(case, case_run, off):
     run = case_run(1)
     rng = np.random.default_rng(0)
     z = run.sensors["imu"].z.copy()
@@ -105,7 +105,7 @@ def test_id5_one_outlier_in_ten_hardly_matters(case, case_run, off):
     assert "outliers.both-sides" in [note.code for note in fit.notes]
 
 
-def test_id13_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(case, case_run):
+def test_id13_negative_friction_ends_at_its_bound_and_is_reported(case, case_run):
     frictionless = case.with_values({"model.friction.quadratic": [0.0, 3.5, 250.0]})
     ends = [identify(case_run(seed, 20.0, frictionless), frictionless) for seed in range(6)]
     at = [fit for fit in ends if fit.bound[fit.names.index("model.friction.quadratic[0]")] == -1]
@@ -117,7 +117,7 @@ def test_id13_friction_that_would_be_negative_ends_at_its_bound_and_is_reported(
     assert "at its low bound" in at[0].table()
 
 
-def test_biases_and_the_speed_at_the_start_are_found_along(case, case_run):
+def test_biases_and_initial_speed_are_estimated_with_the_parameters(case, case_run):
     run = case_run(2, 20.0, nu0=np.array([1.5, 0.2, -1.0]))
     z = run.sensors["imu"].z + np.array([0.3, -0.2, 0.05])
     run = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
@@ -132,7 +132,7 @@ def test_biases_and_the_speed_at_the_start_are_found_along(case, case_run):
     assert fit.blocks.sensors.imu.gyro_bias == fit.own[0, 2]
 
 
-def test_two_runs_are_better_than_one_and_keep_their_own_biases(case, case_run, off):
+def test_two_runs_reduce_the_errors_and_have_separate_biases(case, case_run, off):
     a, b = case_run(3, 20.0), case_run(4, 20.0)
     b = replace(
         b,
@@ -158,7 +158,7 @@ def test_id3_id4_irregular_ticks_gaps_nan_and_silence_do_not_bias(case, case_run
     assert "data.not-finite" in [note.code for note in fit.notes]
 
 
-def test_other_back_ends_find_the_same(case, case_run):
+def test_both_back_ends_give_the_same_fit(case, case_run):
     run = case_run(6, 12.0)  # long enough for a first search over its first part
     free = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
     a, b = (
@@ -170,7 +170,7 @@ def test_other_back_ends_find_the_same(case, case_run):
     np.testing.assert_allclose(a.sd, b.sd, rtol=5e-3)  # σ settles to 0.5 %
 
 
-def test_free_fixed_and_bounds_are_taken_by_path(case, case_run):
+def test_free_and_fixed_parameters_and_bounds_are_given_by_path(case, case_run):
     run = case_run(7, 10.0)
     fit = identify(
         run,
@@ -190,16 +190,16 @@ def test_free_fixed_and_bounds_are_taken_by_path(case, case_run):
     assert tight.bound[0] == 1
 
 
-def test_the_small_vehicle_with_dead_zones_lag_and_a_caster_is_found(small, off):
+def test_the_small_vehicle_with_dead_zones_lag_and_caster_is_identified(small, off):
     u = random_steps(small.command.limit, 60.0, small.rate_hz, 3)
     fit = identify(simulate(small, u, 3), small)
-    assert np.max(np.abs(off(fit, small))) < 4.5  # coloured by the floor's noise
+    assert np.max(np.abs(off(fit, small))) < 4.5  # autocorrelated by the noise of the floor
     assert fit.autocorrelated
     assert "residual.not-white" in [note.code for note in fit.notes]
     assert fit.verdict in ("USABLE", "WARN")
 
 
-def test_the_kinematic_matrix_is_found_by_the_same_cost(case, case_run):
+def test_the_kinematic_matrix_is_identified_with_the_same_cost(case, case_run):
     file = parse(KINEMATIC, "k.toml")
     fit = identify(
         case_run(8, 20.0, file), file, options=FitOptions(start={"model.velocity_matrix[0,0]": 0.3})
@@ -214,7 +214,7 @@ def test_the_kinematic_matrix_is_found_by_the_same_cost(case, case_run):
     assert 0.05 < truth.value("model.velocity_matrix[0,0]") < 0.15
 
 
-def test_a_car_is_found_from_odometer_and_gyro():
+def test_a_car_is_identified_from_odometer_and_gyro():
     car = load("car")
     u = random_steps([0.5, 0.6], 60.0, car.rate_hz, 1)
     fit = identify(simulate(car, u, 1), car, use=["odometer", "imu[2]"])
@@ -225,7 +225,7 @@ def test_a_car_is_found_from_odometer_and_gyro():
     assert [np.isnan(c.explained) for c in fit.channels if c.sensor == "imu"] == [True, True, False]
 
 
-def test_a_search_that_is_stopped_from_outside_gives_what_it_found_and_is_refused(case, case_run):
+def test_a_stopped_search_returns_its_best_values_and_is_refused(case, case_run):
     texts = []
 
     def say(text):

@@ -1,4 +1,4 @@
-"""What a fit's errors mean for a drive: against vehicles that are drawn from its covariance and simply driven.
+"""The meaning of the errors of a fit for a drive, tested with vehicles drawn from its covariance.
 
 The spread of 600 drawn vehicles is known to 3 %; outside 15 % of the forecast: false alarm below 1e-5. The forecast is
 linear in the errors; the drawn vehicles are not.
@@ -64,7 +64,7 @@ def spread(fit, u):
     return np.sqrt(np.mean(off[:, 0] ** 2 + off[:, 1] ** 2)), np.sqrt(np.mean(off[:, 2] ** 2))
 
 
-def test_ten_seconds_are_as_wrong_as_those_of_drawn_vehicles(each):
+def test_the_forecast_error_over_ten_seconds_matches_drawn_vehicles(each):
     fit, _ = each
     rate = fit.file.rate_hz
     short = simulate(fit.file, random_steps(LIMIT[fit.file.name], 10.1, rate, 5), 5, name="short")
@@ -75,7 +75,7 @@ def test_ten_seconds_are_as_wrong_as_those_of_drawn_vehicles(each):
     assert ahead.heading_rad == pytest.approx(heading, rel=0.15)
 
 
-def test_a_lap_is_as_wrong_as_those_of_drawn_vehicles(each):
+def test_the_forecast_error_over_a_lap_matches_drawn_vehicles(each):
     fit, run = each
     route = eight(1.0, 0.25)
     lap = forecast(fit, run, route, "lab").ahead[1]
@@ -89,14 +89,14 @@ def test_a_lap_is_as_wrong_as_those_of_drawn_vehicles(each):
     assert lap.heading_rad == pytest.approx(heading, rel=0.15)
 
 
-def test_a_run_without_a_lap_says_why(small):
+def test_a_forecast_without_a_lap_reports_its_reason(small):
     fit, run = small
     ahead = forecast(fit, run, eight(0.5, 30.0))
     assert len(ahead.ahead) == 1
     assert ahead.notes[0].code == "forecast.strays"
 
 
-def test_a_lost_heading_is_not_a_distance():
+def test_a_lost_heading_gives_no_distance_forecast():
     message = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
     assert (message.code, message.figures["heading_deg"]) == ("forecast.lost", "34")
 
@@ -108,7 +108,7 @@ def test_a_fit_of_sensors_alone_predicts_nothing():
         forecast(fit, run)
 
 
-def test_commands_that_no_run_had_are_reported(small):
+def test_commands_beyond_those_of_the_runs_are_reported(small):
     fit, run = small
     narrow = fit.envelope._replace(low=0.5 * fit.envelope.low, high=0.5 * fit.envelope.high)
     assert "The lap leaves the envelope of the fit: u_x goes" in " ".join(
@@ -116,7 +116,7 @@ def test_commands_that_no_run_had_are_reported(small):
     )
 
 
-def test_terminal_json_and_report_say_it(small, tmp_path, monkeypatch, capsys):
+def test_terminal_json_and_report_show_the_forecast(small, tmp_path, monkeypatch, capsys):
     fit, run = small
     monkeypatch.chdir(tmp_path)
     fit.file.save(tmp_path / "vehicle.toml")

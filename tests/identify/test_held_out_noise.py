@@ -1,4 +1,4 @@
-"""The right R foretells an unseen run best, and its NIS says so."""
+"""The right R predicts an unseen run best, and its NIS is consistent."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def truth_fit(small):
     return fit, measure_noise(fit, runs[0]), runs[1]
 
 
-def test_a_wrong_covariance_predicts_worse_and_its_nis_says_which_way(truth_fit):
+def test_a_wrong_covariance_predicts_worse_and_its_nis_shows_the_direction(truth_fit):
     fit, noise, unseen_run = truth_fit
     wrong = {
         "too small": replace(noise, process=1e-4 * noise.process),
@@ -45,7 +45,7 @@ def test_a_wrong_covariance_predicts_worse_and_its_nis_says_which_way(truth_fit)
     assert "best: truth" in comparison.table()
 
 
-def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(truth_fit, small):
+def test_the_nis_equals_that_of_an_independent_filter_within_its_interval(truth_fit, small):
     from baqueano.compare import compare
     from baqueano.drive import replay
 
@@ -58,13 +58,13 @@ def test_the_interval_of_the_nis_holds_what_an_independent_filter_says(truth_fit
     assert np.isfinite(judged_noise.likelihood)
 
 
-def test_seen_runs_are_refused(truth_fit):
+def test_fitted_runs_are_refused_as_validation_runs(truth_fit):
     fit, noise, _ = truth_fit
     with pytest.raises(UsageError, check=of_code("noise.fitted-to", run="run 1")):
         compare_noise(fit, {"truth": noise}, simulate(fit.file, np.zeros((50, 3)), 0, name="run 1"))
 
 
-def test_nothing_to_compare_is_refused(truth_fit):
+def test_a_comparison_without_candidates_is_refused(truth_fit):
     fit, _, unseen_run = truth_fit
     with pytest.raises(UsageError, check=of_code("noise.nothing-to-compare")):
         compare_noise(fit, {}, unseen_run)

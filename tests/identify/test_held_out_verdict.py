@@ -1,4 +1,4 @@
-"""The verdict of held-out runs, on a robot whose physics shares nothing with the models.
+"""The verdict of validation runs, on a robot whose physics shares nothing with the models.
 
 Logs of 200 Hz in volts: a quasi-static ramp and a step each way, 4 s each.
 """
@@ -74,7 +74,7 @@ def fit(file, logs):
     return identify([logs[name] for name in FITTED], file, FREE, options=FitOptions(diagnose=False))
 
 
-def test_one_short_run_cannot_tell(fit, logs):
+def test_one_short_run_is_too_few_data_for_a_verdict(fit, logs):
     validation = validate(fit, logs["step -1"])
     assert validation.verdict == "CANNOT TELL"
     few = validation.reasons[0]
@@ -82,20 +82,20 @@ def test_one_short_run_cannot_tell(fit, logs):
     assert (few.figures["pieces"], few.figures["least"]) == (1.0, 5)
 
 
-def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):
+def test_the_verdict_states_horizon_and_initial_condition(fit, logs):
     basis = validate(fit, logs["step -1"]).basis.figures
     assert (basis["span_s"], basis["start"].code) == ("4", "validation.from-standstill")
     assert basis["pieces"] == 1.0
 
 
-def test_enough_motion_is_judged(fit, logs):
+def test_runs_with_enough_motion_get_a_verdict(fit, logs):
     validation = validate(fit, logs["random steps"])
     assert validation.verdict != "CANNOT TELL"
     assert validation.basis.figures["span_s"] == "10.5"
     assert validation.sentence.endswith(text(validation.basis))
 
 
-def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not_explained_either(file, logs):
+def test_a_channel_unexplained_in_fitted_and_unseen_runs_is_refused_by_name(file, logs):
     """Gain inverted, time constant of 2.6 s in place of 0.13 s: the error of its own runs is as large."""
     wrong = override(
         file, ["model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,-0.017]]", "model.drivetrain.lag_s=2.6"]
@@ -124,14 +124,14 @@ def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):
     assert not begins_at_rest(run.cut(1.0), file.sensors)
 
 
-def test_pieces_are_counted_by_turning_points():
+def test_independent_segments_are_counted_by_turning_points():
     assert turning_points(np.linspace(0.0, 1.0, 50), 0.1) == 0
     assert turning_points(np.repeat([0.0, 1.0, 0.0, -1.0, 0.5], 10), 0.1) == 2
     noisy = np.repeat([0.0, 1.0], 50) + 0.04 * np.random.default_rng(0).uniform(-1.0, 1.0, 100)
     assert turning_points(noisy, 0.1) == 0
 
 
-def test_independent_steps_make_at_most_two_thirds_of_a_piece_each():
+def test_each_independent_step_counts_for_at_most_two_thirds_of_a_segment():
     """Of K independent steps 2 (K − 2)/3 are turning points, less those of small swings; 4 sd are 29."""
     u = random_steps([1.0, 0.0, 0.0], 600.0, 10.0, 0, hold_s=2.0)
     steps = Run("steps", None, np.arange(len(u)) * 100_000_000, u)

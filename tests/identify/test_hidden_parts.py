@@ -1,4 +1,4 @@
-"""What a file does not tell and a run shows: the low-pass of an IMU, the steps of a duty. On the independent truth."""
+"""Effects that a run shows and its file lacks: an IMU low-pass, duty steps. On the independent truth."""
 
 import numpy as np
 import pytest
@@ -39,17 +39,17 @@ def off(fit, q, name):
     return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.sd[fit.names.index(name)]
 
 
-def test_a_low_pass_that_the_file_does_not_tell_is_not_a_usable_fit(logs):
+def test_an_undeclared_low_pass_gives_a_warning_and_a_remedy(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, FREE)
     assert fit.verdict == "WARN"
     assert f"--free +{LOW_PASS}" in [reason.fix for reason in fit.reasons]
     assert ("delay.sum", "imu") in [(note.code, note.subject) for note in fit.notes]
     assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # it took the filter for a delay
-    assert off(fit, q, DELAY) < 4.0  # and the error bar knows
+    assert off(fit, q, DELAY) < 4.0  # and the error bar includes this
 
 
-def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
+def test_a_declared_low_pass_does_not_bias_the_delay_of_the_motors(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file.with_values({LOW_PASS: HZ}), FREE)
     assert not {"residual.missing-free", "delay.sum"} & {finding.code for finding in fit.findings}
@@ -57,7 +57,7 @@ def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
     assert off(fit, q, LAG) < 3.0
 
 
-def test_the_setting_of_the_chip_tells_its_filter_and_the_delay_of_it(logs):
+def test_the_chip_setting_determines_the_lag_and_delay_of_its_filter(logs):
     """A lag of 44 Hz and a pure delay, together the 4.8 ms that the data sheet has for setting 3."""
     q, file, runs = logs
     plain, set_up = (
@@ -69,7 +69,7 @@ def test_the_setting_of_the_chip_tells_its_filter_and_the_delay_of_it(logs):
     assert abs(set_up.value(LAG) - q.lag_s[0]) < 5e-4
 
 
-def test_tilt_and_bias_are_a_sum_unless_a_fit_is_asked_to_tell_them_apart(logs):
+def test_only_the_sum_of_tilt_and_bias_is_identified_by_default(logs):
     _, file, runs = logs
     few = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
     single, both = (
@@ -87,7 +87,7 @@ def test_a_low_pass_can_be_fitted(logs):
     assert off(fit, q, DELAY) < 3.0
 
 
-def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
+def test_unlogged_duty_steps_are_added_to_the_model(logs):
     q, file, runs = logs
     fit = identify(runs["asked"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == pytest.approx(1.0 / 255.0)
@@ -95,7 +95,7 @@ def test_steps_of_a_duty_that_nobody_logged_are_taken_into_the_model(logs):
     assert off(fit, q, DELAY) < 4.0
 
 
-def test_where_the_log_holds_what_was_sent_no_steps_are_taken(logs):
+def test_no_duty_step_is_added_if_the_log_contains_quantised_commands(logs):
     _, file, runs = logs
     fit = identify(runs["counts"], file, FREE, options=FitOptions(diagnose=False))
     assert fit.vehicle_file.value("model.drivetrain.duty_step") == 0.0

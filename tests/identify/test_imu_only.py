@@ -1,4 +1,4 @@
-"""A vehicle from commands and IMU alone: simulated ones, whose truth is known."""
+"""A vehicle identified from commands and IMU only: simulated vehicles with a known truth."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def fitted():
     return file, run, fit_imu_only(run, file, LONGITUDINAL + YAW)
 
 
-def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
+def test_a_car_is_identified_from_its_commands_and_imu(fitted):
     file, _, fit = fitted
     assert fit.converged
     for name in ("throttle_gain", "linear_drag", "steering_gain"):
@@ -56,13 +56,13 @@ def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
         assert fit.value(f"model.{name}") == pytest.approx(truth, rel=0.08), name
 
 
-def test_what_no_imu_can_know_is_reported(fitted):
+def test_parameters_that_no_imu_can_identify_are_reported(fitted):
     _, _, fit = fitted
     assert "identifiability.gyro-scale" in [reason.code for reason in fit.never]
     assert "fit.envelope" in [note.code for note in fit.notes]
 
 
-def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted):
+def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     file, run, fit = fitted
     exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
     wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
@@ -79,7 +79,7 @@ def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted)
     assert np.all(np.abs(part - slope) < 0.2 * slope + 2.0 * exact.sd)
 
 
-def test_a_measured_scale_is_believed_before_a_data_sheet():
+def test_a_measured_scale_has_priority_over_a_data_sheet():
     from baqueano.vehicle_file import Provenance
 
     file = load("car")
@@ -92,7 +92,7 @@ def test_a_measured_scale_is_believed_before_a_data_sheet():
         scales_of(file, "imu", {"compass": 0.1})
 
 
-def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
+def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
     from baqueano.vehicle_file import Provenance
 
     file, run, _ = fitted
@@ -117,7 +117,7 @@ def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
     assert part[offset] == pytest.approx(slope[offset], rel=0.1)
 
 
-def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
+def test_the_error_of_the_gyro_bias_is_that_of_its_measurement():
     from baqueano.vehicle_file import Provenance
 
     file, path = load("car"), "sensors.imu.gyro_bias"
@@ -126,7 +126,7 @@ def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
     assert zero_of(measured_file, "imu") == pytest.approx(0.001)
 
 
-def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
+def test_a_fit_repeated_from_its_own_estimate_gives_the_same_estimate():
     file, run = drive_seed(5, 30.0)
     free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
     first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
@@ -151,7 +151,7 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
         identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
 
 
-def test_what_cannot_be_fitted_by_an_imu_is_reported_so(fitted):
+def test_a_run_that_an_imu_fit_cannot_use_is_refused(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         fit_imu_only(run, file, use=("compass",))
@@ -162,7 +162,7 @@ def test_what_cannot_be_fitted_by_an_imu_is_reported_so(fitted):
         fit_imu_only(replace(run, sensors={"imu": silent}), file)
 
 
-def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
+def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(fitted):
     file, run, fit = fitted
     by_default = identify(run, file, LONGITUDINAL + YAW)
     np.testing.assert_allclose(by_default.estimate, fit.estimate, rtol=1e-9)
@@ -174,14 +174,14 @@ def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
     assert not imu_is_all(load("small"), [run], None, None)
 
 
-def test_what_is_asked_for_beside_the_rest_takes_nothing_away():
+def test_an_additional_free_parameter_does_not_remove_others():
     file, run = drive_seed(3, 20.0)
     plain, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
     assert "model.drivetrain.delay_s" in plain.names
     assert set(with_drag.names) == {*plain.names, "model.motor_drag"}
 
 
-def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
+def test_the_gyro_fit_of_two_wheels_equals_the_simulation_fit():
     file, rng = load("case-study-1"), np.random.default_rng(0)
     limit = file.command.limit
     forward = steps(rng, 0.1, 0.8, 2.0, 30.0, file.rate_hz) * limit[0]
@@ -194,7 +194,7 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
     np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
 
 
-def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
+def test_the_gyro_fit_uses_the_given_solver(fitted):
     class SolverCall(Exception):
         pass
 
@@ -206,7 +206,7 @@ def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
         identify(run, file, use=("imu",), solver=solver)
 
 
-def test_what_a_led_fit_would_not_heed_is_refused(fitted):
+def test_options_that_the_gyro_fit_ignores_are_refused(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, check=of_code("imu-only.others", others="clocks, sigma")):
         identify(
@@ -222,7 +222,7 @@ def test_what_a_led_fit_would_not_heed_is_refused(fitted):
         identify(run, file, use=("odometer",), options=FitOptions(gyro_leads=True))
 
 
-def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less():
+def test_autocorrelated_residuals_weigh_less_than_white_residuals():
     rng, n = np.random.default_rng(1), 6000
     white = rng.normal(size=(n, 2))
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
@@ -235,7 +235,7 @@ def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less(
     np.testing.assert_allclose(profile[0], 1.0, atol=1e-9)
 
 
-def test_noise_that_grows_with_speed_is_weighed_by_speed():
+def test_samples_are_weighted_by_speed_if_noise_grows_with_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
     residuals = [(v * rng.normal(size=n))[:, None]]
@@ -245,7 +245,7 @@ def test_noise_that_grows_with_speed_is_weighed_by_speed():
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
 
 
-def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_largest_is_reported():
+def test_only_larger_block_errors_replace_the_errors_and_are_reported():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4))
     A = root @ root.T + 4.0 * np.eye(4)
@@ -258,13 +258,13 @@ def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_larges
         with_blocks(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
     )
     np.testing.assert_allclose(with_blocks(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
-    coloured_info = info._replace(meat=2.0 * A)
+    autocorrelated_info = info._replace(meat=2.0 * A)
     np.testing.assert_allclose(
-        with_blocks(coloured_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
+        with_blocks(autocorrelated_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
     )
 
 
-def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out():
+def test_a_slow_signal_is_separated_from_white_noise():
     rng, n = np.random.default_rng(4), 3000
     white, slow = rng.normal(size=n), np.zeros(n)
     assert np.all(slow_part(white) == 0.0)
@@ -278,7 +278,7 @@ def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out(
     np.testing.assert_array_equal(slow_part(white[:20]), white[:20])
 
 
-def test_the_noise_of_the_gyro_draws_neither_lever_nor_speed_towards_zero():
+def test_gyro_noise_does_not_bias_lever_arm_or_speed_towards_zero():
     off = []
     for seed in range(4):
         file, run = drive_seed(seed)
@@ -290,7 +290,7 @@ def test_the_noise_of_the_gyro_draws_neither_lever_nor_speed_towards_zero():
     )  # the lever was 4 standard errors short
 
 
-def test_a_vehicle_that_moves_as_commanded_has_nothing_to_lead(tmp_path):
+def test_a_kinematic_vehicle_cannot_use_the_gyro_fit(tmp_path):
     text = """format = 1
 name = "cart"
 rate_hz = 50.0

@@ -1,4 +1,4 @@
-"""A bias that a run hardly shows is not written over one that the file knows better."""
+"""A poorly observable bias does not replace a more certain bias of the file."""
 
 import numpy as np
 import pytest
@@ -29,13 +29,13 @@ def fit():
     return fitted()
 
 
-def test_the_floor_shows_the_bias_of_a_gyro_worse_than_the_file_knows_it(fit):
+def test_a_gyro_bias_from_the_run_is_less_certain_than_the_file(fit):
     k, imu = fit.own_names.index(PATH), fit.file.sensors.imu
     assert fit.own_sd[0, k] > 5.0 * imu.gyro_bias_std
     assert abs(fit.own[0, k]) > 10.0 * imu.gyro_bias_std
 
 
-def test_the_file_keeps_the_bias_that_it_knows_better_and_the_fit_says_so(fit):
+def test_a_more_certain_bias_in_the_file_is_not_replaced(fit):
     fitted_file = fit.vehicle_file
     assert fitted_file.value(PATH) == fit.file.value(PATH)
     assert PATH not in fitted_file.provenance
@@ -44,7 +44,7 @@ def test_the_file_keeps_the_bias_that_it_knows_better_and_the_fit_says_so(fit):
     assert any(name in fitted_file.provenance for name in ("sensors.imu.accel_bias", "model.friction.linear"))
 
 
-def test_a_bias_that_contradicts_the_file_is_written_with_how_well_it_is_known():
+def test_a_bias_that_contradicts_the_file_is_written_with_its_error():
     fit = fitted(bias=0.35)
     k = fit.own_names.index(PATH)
     fitted_file = fit.vehicle_file

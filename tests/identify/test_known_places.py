@@ -1,4 +1,4 @@
-"""What tells the scales: a camera, a mark on the floor, a tape; and what stays unknown without them.
+"""A camera, a mark on the floor or a tape identifies the scales; without them the scales stay unknown.
 
 Truths within 3.5 of their own standard errors, two seeds each.
 """
@@ -55,7 +55,7 @@ def seen_by_camera(run, seed, late_s=0.0):
 
 
 def by_hand(run, seed):
-    """What a tape says at the end, good to a centimetre and two degrees."""
+    """The tape measurement at the end, accurate to a centimetre and two degrees."""
     rng = np.random.default_rng(seed)
     x, y, psi = run.truth.eta[-1]
     far, turn_deg = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
@@ -87,7 +87,7 @@ def off(truth, fit):
     return max(map(abs, errors.values())), errors
 
 
-def test_a_camera_tells_wheels_gyro_and_its_own_clock():
+def test_a_camera_identifies_wheels_gyro_and_its_own_clock():
     truth = override(
         with_sensor(WHEELS),
         [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", f"{GYRO}=0.966"],
@@ -110,7 +110,7 @@ def test_a_camera_tells_wheels_gyro_and_its_own_clock():
 
 
 def with_mark_at(run, ahead, left, turned_rad):
-    """The run whose truth is that of a mark beside the origin; NaN for `turned_rad`: it knows no heading, as a GPS."""
+    """The run whose truth is that of a mark beside the origin; `turned_rad` NaN: without a heading, like a GPS."""
     eta = run.truth.eta.copy()
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
     eta += np.column_stack([c * ahead - s * left, s * ahead + c * left, np.full(len(eta), turned_rad)])
@@ -119,7 +119,7 @@ def with_mark_at(run, ahead, left, turned_rad):
 
 @pytest.mark.long
 @pytest.mark.parametrize("turned_rad", [0.05, np.nan])
-def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad):
+def test_the_position_of_a_mark_is_identified_but_not_written(turned_rad):
     small, mount = load("small"), {"lever_arm_m[0]": 0.06, "lever_arm_m[1]": -0.03, "heading_rad": turned_rad}
     names = [f"sensors.truth.{key}" for key, value in mount.items() if np.isfinite(value)]
     run = with_mark_at(
@@ -145,7 +145,7 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
     assert validation.verdict == "USABLE", validation.reasons
 
 
-def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
+def test_the_position_of_a_mark_is_identified_from_its_velocity():
     small = load("small")
     run = simulate(small, steps(small, 20.0, 1), 1)
     w, nu = run.truth.nu[:, 2], run.truth.nu.copy()
@@ -170,7 +170,7 @@ def test_the_place_of_a_mark_whose_velocity_is_known_is_found():
     }
 
 
-def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
+def test_an_imu_clock_offset_of_whole_ticks_is_identified():
     small = load("small")
     for seed, late_ns in ((1, 40_000_000), (2, -23_000_000)):
         run = simulate(small, steps(small, 20.0, seed), seed)
@@ -183,7 +183,7 @@ def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
         assert off(small, fit)[0] < SIGMAS
 
 
-def test_wheels_without_a_camera_are_reported_by_the_imu():
+def test_the_imu_identifies_wheels_without_a_camera():
     truth = override(with_sensor(WHEELS), [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", STILL])
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12"])
     for seed in (1, 2):
@@ -192,7 +192,7 @@ def test_wheels_without_a_camera_are_reported_by_the_imu():
         assert worst < SIGMAS, errors
 
 
-def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do():
+def test_the_gyro_scale_of_a_car_is_unobservable_from_its_imu():
     car = load("car")
     fit = identify(
         simulate(car, of_car(60.0, 1), 1), override(car, [f"{GYRO}=1"]), [*OF_CAR, GYRO], use=("imu",)
@@ -204,7 +204,7 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     assert "turn it twice on its mark" in text(scale)
 
 
-def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
+def test_a_tape_measurement_at_the_end_identifies_the_gyro_scale():
     """The same fit as before, with one line more."""
     car = override(load("car"), [STILL])
     begin = override(car, [f"{GYRO}=1"])
@@ -218,7 +218,7 @@ def test_a_tape_at_the_end_tells_the_gyro_of_a_car():
         assert fit.sd[fit.names.index(GYRO)] < 0.01
 
 
-def test_a_tape_is_believed_as_far_as_the_floor_lets_a_simulation_be():
+def test_the_error_of_a_tape_includes_the_floor_disturbance():
     """A floor that pushes the car takes it some 20 cm from its simulation in a minute."""
     car = load("car")
     for seed in (1, 2, 3):
@@ -239,7 +239,7 @@ def test_a_tape_is_believed_as_far_as_the_floor_lets_a_simulation_be():
         assert drift(override(car, [STILL]).vehicle, run, length) == 0.0
 
 
-def test_a_camera_tells_gyro_and_odometer_of_a_car():
+def test_a_camera_identifies_gyro_and_odometer_of_a_car():
     """On a floor that does not disturb it: the error of a simulation is not that of a disturbed vehicle."""
     car = override(load("car"), [STILL])
     free = [*OF_CAR, GYRO, "sensors.odometer.scale", "model.cornering_drag", "model.yaw_lag_s"]
@@ -251,7 +251,7 @@ def test_a_camera_tells_gyro_and_odometer_of_a_car():
         assert worst < SIGMAS, errors
 
 
-def test_a_mark_that_is_passed_lap_by_lap_sharpens_speed_and_gyro():
+def test_a_mark_passed_each_lap_reduces_speed_and_gyro_errors():
     truth = override(with_sensor(MARK), [f"{GYRO}=0.966", STILL])
     begin = override(truth, [f"{GYRO}=1"])
     for seed in (1, 2):
@@ -266,7 +266,7 @@ def test_a_mark_that_is_passed_lap_by_lap_sharpens_speed_and_gyro():
 
 
 class Ten:
-    """As much of a run as a tape asks for."""
+    """The part of a run that a tape line needs."""
 
     def __init__(self, name):
         self.name, self.t_ns, self.duration_s = name, np.array([5]), 10.0
@@ -284,14 +284,14 @@ class Ten:
         ("monday 4 s: 0 mm", "back_on_mark", [0.0, 0.0], 0.01),
     ],
 )
-def test_what_a_hand_wrote_is_read(line, kind, z, sd):
+def test_a_handwritten_measurement_line_is_parsed(line, kind, z, sd):
     run, (place,) = read(line, [Ten("monday")])
     assert (run, place.kind, place.t_ns) == (0, kind, 5 + 4_000_000_000)
     assert place.z == pytest.approx(z, abs=1e-12)
     assert place.sd == pytest.approx(sd)
 
 
-def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
+def test_a_line_may_contain_a_length_and_an_angle():
     _, places = read("end: 1.5 m, -90 °", [Ten("a")])
     assert [place.kind for place in places] == ["tape", "turned"]
     assert places[0].t_ns == 5 + 10_000_000_000
@@ -308,17 +308,17 @@ def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
         ("b 4 s: 1 m", "tape.of-another-run"),
     ],
 )
-def test_what_cannot_be_read_is_reported(line, code):
+def test_an_unreadable_measurement_line_is_refused(line, code):
     with pytest.raises(UsageError, check=of_code(code)):
         read(line, [Ten("a")])
 
 
-def test_of_two_runs_the_name_is_needed():
+def test_a_measurement_of_two_runs_needs_a_run_name():
     with pytest.raises(UsageError, check=of_code("tape.of-no-run", known="a, b")):
         read("4 s: 1 m", [Ten("a"), Ten("b")])
 
 
-def test_a_tape_and_pieces_do_not_go_together():
+def test_a_tape_and_segments_cannot_be_combined():
     small = load("small")
     run = simulate(small, steps(small, 5.0, 1), 1)
     with pytest.raises(UsageError, check=of_code("tape.cut")):

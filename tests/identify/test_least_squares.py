@@ -1,4 +1,4 @@
-"""The damped Gauss-Newton search alone, on problems with a known end."""
+"""The damped Gauss-Newton search alone, on problems with a known minimum."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ FREE = np.full(2, -np.inf), np.full(2, np.inf)
 
 
 @given(x=st.tuples(st.floats(0.2, 10.0), st.floats(0.3, 7.5)))
-def test_a_decay_is_found_from_starts_that_are_five_times_off(x):
+def test_a_decay_is_identified_from_starts_wrong_by_a_factor_of_five(x):
     minimum = minimise(DECAY, np.array(x), *FREE, tolerance=1e-20)
     assert minimum.converged
     np.testing.assert_allclose(minimum.theta, TRUE, rtol=1e-6)
@@ -52,7 +52,7 @@ def test_the_unit_of_a_parameter_changes_nothing(scale):
     np.testing.assert_allclose(b.theta / unit, a.theta, rtol=1e-6)
 
 
-def test_a_minimum_beyond_a_bound_ends_on_it_and_says_so():
+def test_a_minimum_beyond_a_bound_ends_on_the_bound_with_a_flag():
     minimum = minimise(DECAY, np.array([1.0, 0.5]), np.array([0.0, 0.0]), np.array([np.inf, 1.0]))
     assert minimum.converged
     assert minimum.theta[1] == 1.0
@@ -68,7 +68,7 @@ def test_a_start_on_a_bound_leaves_it_when_the_minimum_is_inside():
 
 @settings(max_examples=30)
 @given(seed=st.integers(0, 10**6))
-def test_bounded_linear_problems_end_where_the_conditions_of_karush_kuhn_and_tucker_hold(seed):
+def test_bounded_linear_problems_satisfy_the_kkt_conditions(seed):
     rng = np.random.default_rng(seed)
     A, z = rng.normal(size=(30, 5)), rng.normal(size=30)
     low, high = -rng.uniform(0.0, 0.3, 5), rng.uniform(0.0, 0.3, 5)
@@ -80,7 +80,7 @@ def test_bounded_linear_problems_end_where_the_conditions_of_karush_kuhn_and_tuc
     assert np.all(np.abs(g[minimum.bound == 0]) < 1e-6)
 
 
-def test_a_parameter_without_any_effect_stays_where_it_is():
+def test_a_parameter_without_effect_does_not_change():
     minimum = minimise(
         of(lambda x: x[:1] - 3.0, lambda x: np.array([[1.0, 0.0]])), np.array([0.0, 7.0]), *FREE
     )
@@ -88,7 +88,7 @@ def test_a_parameter_without_any_effect_stays_where_it_is():
     assert minimum.theta.tolist() == pytest.approx([3.0, 7.0], abs=1e-3)
 
 
-def test_a_wall_of_nan_is_walked_around():
+def test_the_search_avoids_a_region_of_nan():
     wall = of(lambda x: np.log(x) - np.log(2.0), lambda x: 1.0 / x[:, None])
     minimum = minimise(wall, np.array([40.0]), np.array([-np.inf]), np.array([np.inf]))
     assert minimum.theta[0] == pytest.approx(2.0, rel=1e-3)
@@ -99,13 +99,13 @@ def test_a_start_that_cannot_be_computed_is_not_called_converged():
     assert not minimise(wall, np.array([-1.0]), np.array([-np.inf]), np.array([np.inf])).converged
 
 
-def test_a_search_that_runs_out_of_evaluations_says_so():
+def test_a_search_that_exhausts_its_evaluations_is_not_converged():
     minimum = minimise(DECAY, np.array([10.0, 7.5]), *FREE, most=2)
     assert not minimum.converged
     assert minimum.evaluations == 2
 
 
-def test_a_kink_is_an_end_for_its_own_parameter_and_not_for_the_others():
+def test_a_kink_in_one_parameter_does_not_stop_the_others():
     """A delay or a dead zone at which a command just passes: the cost rises both ways, each with a slope of its own."""
 
     def evaluate(theta):
@@ -123,7 +123,7 @@ def test_a_kink_is_an_end_for_its_own_parameter_and_not_for_the_others():
     assert minimum.decrement < 1e-7
 
 
-def test_two_parameters_that_do_the_same_are_not_a_reason_to_crash():
+def test_two_equivalent_parameters_do_not_crash_the_search():
     """A short run with many free numbers: after many good steps the damping is below what a float can show."""
     both = of(
         lambda x: x[0] * np.exp(-(x[1] + x[2]) * T) - Z,

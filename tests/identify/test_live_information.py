@@ -1,4 +1,4 @@
-"""What a drive has told so far, window by window, against the same in one batch."""
+"""The information of a drive so far, window by window, equals that of one batch."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_the_sum_of_the_windows_is_the_batch_matrix(name):
         assert relative(F, informant.information(u, at)) < EXACT
 
 
-def test_ticks_may_come_in_any_portions():
+def test_information_does_not_depend_on_the_grouping_of_ticks():
     file, u = drive_named("small", 2.0)
     live = RecursiveInformation(Informant(file))
     state, at = live.begin(), 0
@@ -44,13 +44,13 @@ def test_ticks_may_come_in_any_portions():
     assert relative(state.F, live.add(live.begin(), u).F) < EXACT
 
 
-def test_without_a_compiler_it_is_the_same():
+def test_information_is_the_same_without_a_compiler():
     file, u = drive_named("small", 0.5)
     quick, slow = (RecursiveInformation(Informant(file, backend)) for backend in ("auto", "python"))
     assert relative(slow.add(slow.begin(), u).F, quick.add(quick.begin(), u).F) < EXACT
 
 
-def test_what_was_not_measured_adds_nothing():
+def test_unmeasured_ticks_add_no_information():
     file, u = drive_named("small", 2.0)
     live = RecursiveInformation(Informant(file))
     none = live.add(live.begin(), u, np.zeros((len(u), 3)))

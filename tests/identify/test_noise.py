@@ -30,7 +30,7 @@ from tests.ekf_file import with_ekf
     matrix=arrays(float, (4, 4), elements=st.floats(-1e6, 1e6)),
     exponent=st.integers(-12, 3),
 )
-def test_any_matrix_becomes_a_covariance(matrix, exponent):
+def test_any_matrix_is_converted_to_a_valid_covariance(matrix, exponent):
     notes = []
     Q = valid(matrix, np.full(4, 10.0**exponent), "Q", notes)
     assert np.array_equal(Q, Q.T)
@@ -40,7 +40,7 @@ def test_any_matrix_becomes_a_covariance(matrix, exponent):
     np.linalg.cholesky(Q)
 
 
-def test_the_papers_printed_kind_of_matrix_is_lifted_and_reported():
+def test_an_indefinite_matrix_is_corrected_and_reported():
     bad = np.array([[1.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, -1e-5]])
     notes = []
     Q = valid(bad, np.full(3, 1e-8), "Q", notes)
@@ -52,7 +52,7 @@ def test_the_papers_printed_kind_of_matrix_is_lifted_and_reported():
     assert notes[0].figures == {"lifted": 1, "of": 3}
 
 
-def test_a_covariance_that_is_one_is_left_alone():
+def test_a_valid_covariance_is_unchanged():
     A = np.random.default_rng(0).normal(size=(50, 3))
     Q = np.cov(A.T)
     np.testing.assert_allclose(valid(Q, np.full(3, 1e-9), "Q", []), Q, rtol=1e-12)
@@ -78,7 +78,7 @@ def test_measurement_noise_is_that_of_the_sensor_in_motion_and_at_rest(noise_at_
     np.testing.assert_allclose(np.sqrt(np.diagonal(resting)), [0.1, 0.1, 0.004], rtol=0.2)
 
 
-def test_process_noise_from_the_truth_is_what_the_simulation_added(noise_at_rest, small):
+def test_process_noise_from_the_truth_equals_that_of_the_simulation(noise_at_rest, small):
     noise = measure_noise(noise_at_rest[1], noise_at_rest[0], source="truth")
     kick = small.vehicle.process_noise_std * np.sqrt(0.01)
     ratio = np.sqrt(np.diagonal(noise.process))[[0, 2]] / kick[[0, 2]]
@@ -105,7 +105,7 @@ def test_noise_reaches_the_vehicle_file_and_its_filter(noise_at_rest, small):
     assert "R of (ν, ν̇) per tick at 100 Hz" in noise.table()
 
 
-def test_the_prediction_that_errors_are_taken_of_is_the_filters_own(small):
+def test_prediction_errors_use_the_prediction_of_the_filter(small):
     rng = np.random.default_rng(1)
     for mode in ("default", "paper"):
         ekf = small.estimator(mode=mode)
@@ -138,14 +138,14 @@ def test_log_determinant_and_distance_are_those_of_numpy(seed, m):
     assert square == pytest.approx(y @ np.linalg.solve(S, y), rel=1e-9)
 
 
-def test_the_valley_is_followed_to_its_bottom():
+def test_the_search_follows_a_narrow_valley_to_its_minimum():
     q = valley(
         lambda x: float(np.sum((x - [1.0, -2.0]) ** 2)), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
     np.testing.assert_allclose(q, [1.0, -2.0], atol=0.25)
 
 
-def test_without_a_truth_there_is_none(noise_at_rest):
+def test_noise_from_the_truth_needs_a_truth(noise_at_rest):
     run, fit = noise_at_rest
     with pytest.raises(UsageError, check=of_code("noise.no-truth")):
         measure_noise(fit, replace(run, truth=None), source="truth")
@@ -153,14 +153,14 @@ def test_without_a_truth_there_is_none(noise_at_rest):
         measure_noise(fit, run, source="guess")
 
 
-def test_channels_that_took_no_part_keep_the_noise_of_the_file(noise_at_rest, small):
+def test_unused_channels_have_the_noise_of_the_file(noise_at_rest, small):
     fit = identify(noise_at_rest[0], small, use=["imu[2]"])
     noise = measure_noise(fit, noise_at_rest[0], source="truth")
     np.testing.assert_allclose(noise.in_motion["imu"], small.sensors.imu.cov)
     assert "noise.of-the-file" in [note.code for note in noise.notes]
 
 
-def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(noise_at_rest, small):
+def test_an_unused_channel_without_noise_gets_its_noise_at_rest(noise_at_rest, small):
     run, silent = (
         noise_at_rest[0],
         {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0},
@@ -171,7 +171,7 @@ def test_a_channel_that_took_no_part_has_the_noise_of_its_rest_and_never_none(no
     assert ("noise.of-its-rest", "imu[0]") in [(note.code, note.subject) for note in noise.notes]
 
 
-def test_the_noise_of_a_sensor_that_nobody_fitted_is_never_none(noise_at_rest, small):
+def test_the_noise_of_an_unfitted_sensor_is_never_zero(noise_at_rest, small):
     run, rng = noise_at_rest[0], np.random.default_rng(0)
     t_ns, v = run.sensors["imu"].t_ns, rng.normal(0.0, 0.02, (len(run.sensors["imu"].t_ns), 1))
     run = replace(run, sensors={**run.sensors, "odometer": Channel(t_ns, t_ns, v + run.truth.nu[:, :1])})

@@ -47,13 +47,13 @@ def test_the_variance_of_each_number_is_that_of_the_sensor(measured):
     assert within(noise.in_motion["odometer"][0, 0], ODOMETER_M_S**2, SENSOR)
 
 
-def test_the_walk_of_each_velocity_that_is_seen_is_that_of_the_floor(measured):
+def test_the_walk_of_each_observed_velocity_equals_the_floor_noise(measured):
     _, _, noise = measured
     for k in (0, 2):
         assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR[k] ** 2, VELOCITY), k
 
 
-def test_the_table_says_what_is_written(measured):
+def test_the_table_shows_the_written_noise(measured):
     _, file, noise = measured
     written_data = noise.updated(file).data
     deviations = {row["name"]: row["sd"] for row in noise.rows()}
@@ -65,7 +65,7 @@ def test_the_table_says_what_is_written(measured):
             assert deviations[f"{name}[{k}]"] == pytest.approx(value)
 
 
-def test_two_noises_that_trade_places_are_distinguished():
+def test_the_search_reaches_the_minimum_along_a_narrow_ridge():
     """A ridge along which no step of one of them alone improves."""
     estimate = valley(
         lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
@@ -74,7 +74,7 @@ def test_two_noises_that_trade_places_are_distinguished():
 
 
 @pytest.mark.parametrize(("rest", "least"), [(1e-6, 1e-6), (1e-2, None)])
-def test_a_rest_bounds_the_noise_of_a_gyro_from_below_unless_it_was_none(rest, least):
+def test_noise_at_rest_is_the_lower_bound_of_gyro_noise(rest, least):
     rng = np.random.default_rng(0)
 
     class Channel:

@@ -1,4 +1,4 @@
-"""Which cost is believed, and that the sentence says why with its figures."""
+"""The choice of the cost function, and the reason with its figures."""
 
 import numpy as np
 import pytest
@@ -28,14 +28,14 @@ def both(*shifts, more=-1.0, scatter=1.0, n=31):
     return LeftOutBlocks(blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))])
 
 
-def test_over_a_still_floor_the_simulation_is_believed():
+def test_the_simulation_cost_is_chosen_over_a_still_floor():
     choice = choose_objective(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
     assert choice.reason.code == "cost.floor-still"
     assert (choice.reason.figures["ratio"], choice.reason.figures["chance"]) == (3.0, "0.22")
 
 
-def test_one_answer_with_the_smaller_error_where_it_was_left_out_is_believed_and_the_floor_has_its_error():
+def test_innovations_are_chosen_if_consistent_and_better_on_omitted_segments():
     choice = choose_objective(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
     figures = choice.reason.figures
@@ -44,35 +44,35 @@ def test_one_answer_with_the_smaller_error_where_it_was_left_out_is_believed_and
     assert figures["open_loop"].figures["percent"] == pytest.approx(3.1)
 
 
-def test_an_error_that_is_larger_by_chance_gains_nothing_and_contradicts_nothing():
+def test_an_error_that_is_larger_by_chance_changes_no_decision():
     choice = choose_objective(likely(400.0), (0, 2), both(0.1, more=0.05), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", True, False)
 
 
 @pytest.mark.parametrize("floor", [both(0.1, more=1.0), both(0.1, 5.0), both(0.1, more=np.nan)])
-def test_a_larger_error_and_two_answers_are_what_the_model_lacks(floor):
+def test_a_larger_error_with_different_estimates_means_a_missing_model_term(floor):
     choice = choose_objective(likely(400.0), (0, 2), floor, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)
     assert choice.reason.code == "cost.neither"
 
 
-def test_no_floor_explains_innovations_that_are_coloured_or_a_sensor_far_above_its_noise():
+def test_autocorrelated_innovations_or_excess_sensor_noise_are_not_explained_by_the_floor():
     assert not choose_objective(likely(400.0, autocorrelated=True), (0, 2), both(0.1), QUIET).explains
     assert not choose_objective(likely(400.0), (0, 2), both(0.1), 4.0 * QUIET).explains
 
 
-def test_of_a_run_too_short_to_leave_segments_out_the_simulation_is_believed():
+def test_the_simulation_cost_is_chosen_for_a_short_run():
     choice = choose_objective(likely(400.0), (0, 2), None, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
 
 
-def test_the_more_parameters_the_further_apart_two_answers_may_be_by_chance():
+def test_the_allowed_distance_of_two_fits_grows_with_parameters():
     assert both(0.0).limit == pytest.approx(2.750, abs=1e-3)  # of Student's t with 30 degrees
     assert both(*np.zeros(20)).limit > 3.5
     assert both().furthest == (0.0, "")
 
 
-def test_a_cost_that_does_not_exist_is_named():
+def test_an_unknown_cost_is_refused_by_name():
     with pytest.raises(
         UsageError, check=of_code("cost.unknown", found="both", known="simulation, innovations")
     ):

@@ -1,4 +1,4 @@
-"""What a run cannot show is held where it was, reported as null, and named with the motion that it lacks."""
+"""An unobservable parameter retains its start, is reported as null, and is named with the missing motion."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ def unseen_names(fit):
     return {row["name"].removeprefix("model.") for row in fit.rows() if row["observable"] == "no"}
 
 
-def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case, off):
+def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_remedy(case, off):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fit = identify(simulate(case, u, 0), case)
     turning = {"friction.linear[2]", "friction.quadratic[2]"}
@@ -34,7 +34,7 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
     assert fit.verdict in ("WARN", "REFUSED")
 
 
-def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(case):
+def test_unobservable_parameters_retain_their_start_and_are_marked_unknown(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fixed_names = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
     fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed_names))
@@ -63,7 +63,7 @@ def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, cas
     assert "the scale" in collinear.figures["how"].figures["by"]
 
 
-def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
+def test_id0_a_vehicle_at_rest_gives_no_fit(case):
     u = np.zeros((500, 3))
     u[0, 0] = 1e-6
     fit = identify(simulate(case, u, 0), case)
@@ -73,14 +73,14 @@ def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
     assert len(fit.channels) == 3  # what was measured is shown all the same
 
 
-def test_inverted_gyro_is_refused_or_doubted(case, case_run):
+def test_an_inverted_gyro_is_refused_or_gives_a_warning(case, case_run):
     run = case_run(0, 20.0)
     z = run.sensors["imu"].z * [1.0, 1.0, -1.0]
     fit = identify(replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)}), case)
     assert fit.verdict != "USABLE"
 
 
-def test_a_channel_that_the_model_is_far_from_is_refused_by_name_though_others_are_explained():
+def test_one_channel_far_from_the_model_is_refused_by_name():
     """Counts of a wheel that were wrapped before they were scaled: a saw of ± 26 mm/s in place of ± 2 m/s."""
     car = load("car")
     run = simulate(car, excitation("random_steps", [0.5, 0.6], 30.0, car.rate_hz, 1), 1)
@@ -93,7 +93,7 @@ def test_a_channel_that_the_model_is_far_from_is_refused_by_name_though_others_a
     assert identify(run, car).verdict != "REFUSED"
 
 
-def test_a_weak_parameter_is_kept_and_called_weak(case):
+def test_a_weak_parameter_stays_in_the_fit_with_a_warning(case):
     u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     weak = [name for name, w in zip(fit.names, fit.weak, strict=True) if w]
@@ -101,7 +101,7 @@ def test_a_weak_parameter_is_kept_and_called_weak(case):
     assert fit.verdict == "WARN"
 
 
-def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_tell(case):
+def test_weakly_separable_parameters_are_named_with_an_informative_motion(case):
     fit = identify(simulate(case, excitation("multisine", case.command.limit, 30.0, 100.0, 1), 1), case)
     assert fit.verdict == "WARN"
     reasons = {reason.subject: reason for reason in fit.reasons}
@@ -117,14 +117,14 @@ def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_t
     )
 
 
-def test_what_never_moved_sideways_is_reported_of_what_is_held(case):
+def test_sideways_friction_without_sideways_motion_is_reported_as_unobservable(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     note = {reason.subject: reason for reason in fit.unobservable}["model.friction.linear[1]"]
     assert (note.code, note.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
 
 
-def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, case_run):
+def test_never_observable_parameters_are_reported_once_without_a_warning(case, case_run):
     fit = identify(case_run(0, 30.0), case)
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
@@ -133,7 +133,7 @@ def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(
     assert fit.never[0].figures["names"] == "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]"
 
 
-def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_reported(small):
+def test_full_commands_do_not_separate_dead_zone_from_gain(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
     collinear = [reason for reason in fit.unobservable if reason.code == "identifiability.tied"]
     labels = [f"{reason.subject}, {reason.figures['others']}" for reason in collinear]

@@ -26,7 +26,7 @@ def residuals(case, run, theta):
     return np.concatenate(out)
 
 
-def test_scipy_ends_at_the_same_cost_and_place(case, case_run):
+def test_scipy_reaches_the_same_cost_and_parameters(case, case_run):
     run = case_run(11, 1.0)
     start = {path: 2.0 * case.value(path) for path in FREE}
     fit = identify(

@@ -1,4 +1,4 @@
-"""Stages of a fit can be replaced: a residual and a solver of one's own, and the stages by hand."""
+"""Stages of a fit can be replaced: a custom residual, a custom solver, and separately called stages."""
 
 import sys
 from dataclasses import replace
@@ -43,7 +43,7 @@ def run(small):
     return simulate(small, random_steps(small.command.limit, 20.0, small.rate_hz, 0), 0)
 
 
-def test_the_stages_by_hand_are_the_fit(small, run):
+def test_separate_stages_give_the_same_result_as_the_fit(small, run):
     fit = identify(run, small, FREE)
     data = dataset([run], small)
     parameters = parameters_of(data, FREE)
@@ -54,13 +54,13 @@ def test_the_stages_by_hand_are_the_fit(small, run):
     assert by_hand.verdict == fit.verdict == "USABLE"
 
 
-def test_a_solver_of_ones_own_ends_at_the_same_place(small, run, examples):
+def test_a_custom_solver_gives_the_same_estimate(small, run, examples):
     fit, own_fit = (identify(run, small, FREE, **options) for options in ({}, {"solver": examples.by_scipy}))
     assert own_fit.converged
     assert np.max(np.abs(own_fit.estimate - fit.estimate) / fit.sd) < 0.02
 
 
-def test_a_residual_of_ones_own_bears_edges_of_tiles(small, run, examples):
+def test_a_custom_residual_tolerates_edges_of_tiles(small, run, examples):
     imu, rng = run.sensors["imu"], np.random.default_rng(0)
     z = imu.z.copy()
     for first in rng.choice(len(z) - 5, 80):

@@ -1,4 +1,4 @@
-"""The vehicles of examples/, each a class of somebody's own, are served as ours are: fitted, chosen, designed for.
+"""The vehicles of examples/, each a user class, are served like built-in vehicles: fitted, chosen, designed for.
 
 The data are of plain simulations in here, which share nothing with the classes: finer steps, dry friction that sticks.
 """
@@ -31,7 +31,7 @@ FINE = 5  # steps of the truth in a tick
 
 
 def run_of(file, u, z):
-    """A run of the commands u (N, n) and of what the file's only sensor said (N, m) at the end of each tick."""
+    """A run of the commands u (N, n) and of the readings of the file's only sensor (N, m) at the end of each tick."""
     t_ns = np.round(np.arange(1, len(u) + 1) * 1e9 / file.rate_hz).astype(np.int64)
     (name,) = file.sensors._fields
     return Run("a run of its own", None, t_ns, u, sensors={name: Channel(t_ns, t_ns, z)})
@@ -96,7 +96,7 @@ def fits(files):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_an_example_is_one_class_of_at_most_forty_lines_and_keeps_every_promise(files, name):
+def test_each_example_class_has_at_most_forty_lines_and_passes_the_check(files, name):
     lines = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8").splitlines()
     begin = next(i for i, line in enumerate(lines) if line.startswith("@dataclass"))
     assert len(lines) - begin <= 40
@@ -104,7 +104,7 @@ def test_an_example_is_one_class_of_at_most_forty_lines_and_keeps_every_promise(
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_what_nobody_measured_is_fitted_unasked_and_found_within_its_intervals(fits, name):
+def test_unmeasured_parameters_are_free_by_default_and_estimated_within_their_intervals(fits, name):
     fit, truth = fits[name], CASES[name][1]
     assert fit.names == tuple(f"model.{key}" for key in truth)
     z = (fit.estimate - np.array(list(truth.values()))) / fit.sd
@@ -113,7 +113,7 @@ def test_what_nobody_measured_is_fitted_unasked_and_found_within_its_intervals(f
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_drive_is_designed_for_its_own_parameters(files, name):
+def test_a_drive_is_designed_for_the_parameters_of_a_custom_vehicle(files, name):
     file, truth, room = files[name], *CASES[name][1:]
     plan = designed(file, room_of(file, room), 2.0, say=lambda text: True)
     assert plan.names == tuple(f"model.{key}" for key in truth)
@@ -126,7 +126,7 @@ def test_a_drive_is_designed_for_its_own_parameters(files, name):
     [("servo_axis", "dry friction of the rail", ["dead zone forward"]),
      ("omni_robot", "dry friction of the rollers", [])],
 )  # fmt: skip
-def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term, terms):
+def test_terms_of_a_custom_vehicle_are_chosen_by_metadata_names(files, name, term, terms):
     run = CASES[name][0](files[name], 0, 13.0)
     assert choose(run, files[name], [term, *terms]).taken == (term,)
 
@@ -140,7 +140,7 @@ def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
     assert names[:2] == ["dry friction of the rail", "dead zone"]
 
 
-def test_what_a_run_does_not_show_is_reported_in_the_words_of_its_metadata(files):
+def test_unobservable_parameters_are_reported_with_texts_of_the_metadata(files):
     file = files["servo_axis"]
     fit = identify(of_axis(file, u=np.full((3000, 1), 12.0)), file)
     assert "slow strokes that stop and turn, many times" in " ".join(texts(fit.findings))
@@ -157,7 +157,7 @@ def test_what_a_run_does_not_show_is_reported_in_the_words_of_its_metadata(files
     ("volts", "speed", "code"),
     [(-1.0, 1.0, "axes.inverted"), (1.0, 1e3, "file.far-gain"), (255.0 / 12.0, 1.0, "command.unit")],
 )  # fmt: skip
-def test_a_log_in_another_sign_or_unit_is_refused_by_the_name_of_its_gain(files, volts, speed, code):
+def test_a_wrong_sign_or_unit_is_refused_by_gain_name(files, volts, speed, code):
     run = of_axis(files["servo_axis"], 1, 4.0)
     encoder = run.sensors["encoder"]
     wrong = {"encoder": encoder._replace(z=speed * encoder.z)}
@@ -166,7 +166,7 @@ def test_a_log_in_another_sign_or_unit_is_refused_by_the_name_of_its_gain(files,
     assert fit.reasons[0].code == code
 
 
-def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
+def test_noise_is_measured_also_along_axes_without_motion(files, fits):
     """A covariance without motion had no eigenvalues, and `identify` ended with an error."""
     file = files["servo_axis"]
     run = simulate(file, random_steps([12.0], 4.0, file.rate_hz, 0))
@@ -176,6 +176,6 @@ def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
         assert R[0, 0] > 100.0 * R[1, 1]
 
 
-def test_a_vehicle_without_a_gyro_is_reported_how_it_is_driven(files):
+def test_a_careful_drive_without_an_imu_is_refused_with_advice(files):
     with pytest.raises(UsageError, match=r"a sensor imu.*Or type --known"):
         careful_drive(files["servo_axis"])

@@ -1,4 +1,4 @@
-"""A vehicle that ages is followed; what moved is named with the run in which it did, and nothing else is."""
+"""An ageing vehicle is tracked; a changed parameter is named with the run of its change, and no other is."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def worn_history(case):
     return parameter_history(drives(case, change), case, free=FREE, options=FitOptions(biases=False))
 
 
-def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn_history):
+def test_a_parameter_step_is_detected_between_the_right_runs(worn_history):
     (drift,) = worn_history.moved
     assert drift.name == "model.friction.linear[0]"
     assert drift.how == "step"
@@ -46,7 +46,7 @@ def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn_history):
     assert [row["name"] for row in Drift(worn_history).rows()] == [drift.name]
 
 
-def test_following_leads_to_what_the_vehicle_is_now(worn_history, case):
+def test_the_tracked_parameter_reaches_the_present_value(worn_history, case):
     now = worn_history.vehicle_file.value("model.friction.linear[0]")
     truth = 1.2 * case.value("model.friction.linear[0]")
     assert abs(now - truth) < 4.0 * worn_history.followed_sd[-1, 0]
@@ -57,13 +57,13 @@ def test_following_leads_to_what_the_vehicle_is_now(worn_history, case):
     )
 
 
-def test_a_parameter_that_stays_becomes_surer_with_every_run(worn_history):
+def test_the_error_of_a_constant_parameter_shrinks_with_every_run(worn_history):
     k = worn_history.names.index("model.actuator_matrix[0,0]")
     assert worn_history.walk[k] == 0.0
     assert worn_history.followed_sd[-1, k] < 0.5 * worn_history.single_sd[-1, k]
 
 
-def test_a_vehicle_that_does_not_age_is_left_in_peace(case):
+def test_a_vehicle_that_does_not_age_shows_no_drift(case):
     """Eight runs of nine vehicles at a false alarm in a hundred: more than one is a fault of the method."""
     alarms = 0
     for seed in range(1, 10):
@@ -87,12 +87,12 @@ def test_slow_wear_is_a_drift(case):
     assert (drift.after - drift.before) / drift.before == pytest.approx(0.35, abs=0.05)
 
 
-def test_one_run_is_not_a_history(case, case_run):
+def test_a_history_of_one_run_is_refused(case, case_run):
     with pytest.raises(UsageError, check=of_code("over-time.few-runs", count=1)):
         parameter_history([case_run(0, 3.0)], case, free=FREE)
 
 
-def test_runs_that_tell_nothing_are_named(case, case_run):
+def test_uninformative_runs_are_named(case, case_run):
     resting = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
     with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
         parameter_history([case_run(0, 10.0), resting], case, free=FREE, options=FitOptions(biases=False))

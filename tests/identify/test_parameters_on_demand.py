@@ -67,7 +67,7 @@ def off(truth, fit):
 
 
 @pytest.mark.parametrize("values", [WHEELS, MOTORS, PLACES], ids=["wheels", "motors", "places"])
-def test_what_the_vehicle_has_is_found_from_a_file_that_has_it_not(small, values):
+def test_an_effect_absent_from_the_file_is_identified(small, values):
     for seed in (1, 2):
         truth, fit = fitted(small, values, seed)
         assert fit.converged
@@ -75,13 +75,13 @@ def test_what_the_vehicle_has_is_found_from_a_file_that_has_it_not(small, values
         assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
 
 
-def test_a_tilt_is_found_where_the_bias_is_known(small):
+def test_a_tilt_is_identified_if_the_bias_is_constant(small):
     for seed in (1, 2):
         truth, fit = fitted(override(small, ["sensors.imu.accel_bias_walk=0"]), TILT, seed, biases=False)
         assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
 
 
-def test_of_a_tilt_and_a_bias_it_is_reported_that_they_do_not_show(small):
+def test_tilt_and_bias_together_are_reported_as_unobservable(small):
     """Both are gravity, or look like it; what is left is the cosine of the tilt."""
     _, fit = fitted(small, TILT, 1)
     assert fit.verdict == "WARN"
@@ -91,8 +91,8 @@ def test_of_a_tilt_and_a_bias_it_is_reported_that_they_do_not_show(small):
     assert any("a bias that is known: fix accel_bias" in line for line in texts(fit.unobservable))
 
 
-def test_a_motor_that_is_never_driven_to_its_end_has_its_limit_at_the_largest_command(small):
-    """And the fit says that it is a bound, not a finding."""
+def test_an_unreached_motor_limit_is_bounded_by_the_largest_command(small):
+    """The fit reports a bound and not an estimate."""
     run = simulate(small, 0.4 * random_steps(small.command.limit, 20.0, small.rate_hz, 1, hold_s=0.5), 1)
     fit = identify(run, override(small, ["model.drivetrain.limit=[inf]"]), [*USUAL, "model.drivetrain.limit"])
     left, right = run.applied[:, 0] - run.applied[:, 2], run.applied[:, 0] + run.applied[:, 2]
@@ -107,7 +107,7 @@ def test_a_motor_that_is_never_driven_to_its_end_has_its_limit_at_the_largest_co
     )
 
 
-def test_friction_of_wheels_is_not_fitted_to_wheels_at_an_unknown_distance(small):
+def test_wheel_friction_is_not_fitted_with_an_unknown_track(small):
     from baqueano.errors import UsageError
 
     without_track = override(small, ["model.friction.track_m=0"])
@@ -124,7 +124,7 @@ CAR_WAYS = {
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
+def test_dry_friction_of_a_car_is_identified_for_each_rolling_direction(seed):
     car = override(load("car"), ["model.coulomb_m_s2=0"])
     truth = override(car, [f"{key}={value}" for key, (value, _) in CAR_WAYS.items()])
     run = simulate(truth, random_steps(truth.command.limit, 40.0, truth.rate_hz, seed, hold_s=1.0), seed)
@@ -134,8 +134,8 @@ def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
     assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
 
 
-def test_no_friction_is_found_that_no_file_may_have(small):
-    """A vehicle on rubber tyres stops sideways within less of a tick than steps of it can tell."""
+def test_fitted_friction_stays_within_the_bounds_of_a_file(small):
+    """A vehicle on rubber tyres stops sideways faster than one tick can resolve."""
     blocks = FittedBlocks(small.vehicle, small.sensors)
     paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[1]"]
     _, free = enable_parameters(
@@ -155,7 +155,7 @@ def test_no_friction_is_found_that_no_file_may_have(small):
     )
 
 
-def test_a_search_that_did_not_converge_names_what_still_moved(small, monkeypatch):
+def test_a_search_without_convergence_names_the_parameter_that_still_moved(small, monkeypatch):
     monkeypatch.setattr(search, "MOST", 5)
     run = simulate(small, random_steps(small.command.limit, 6.0, 100.0, 0), 0)
     fit = identify(

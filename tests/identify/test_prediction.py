@@ -76,7 +76,7 @@ def of_cart(file, *runs, start=(0,)):
 
 
 def joint_normal(run, x):
-    """Mean (N,) and covariance (N, N) of what an odometer says along a line, in units of σ = 0.1."""
+    """Mean (N,) and covariance (N, N) of the readings of an odometer along a line, in units of σ = 0.1."""
     drag, force, start, v, *_, half_log_q = x
     ratio = drag / MASS * DT
     a = 1.0 - ratio + ratio**2 / 2.0 - ratio**3 / 6.0 + ratio**4 / 24.0  # RK4
@@ -139,8 +139,8 @@ def fisher_of(run, x, rows_shown):
     )  # fmt: skip
 
 
-def test_the_noise_of_the_floor_is_as_unknown_as_the_drag(cart):
-    """How fast a push fades tells of both: their errors are correlated, and that of the drag is larger for it."""
+def test_errors_of_drag_and_floor_noise_equal_the_cramer_rao_bound(cart):
+    """The decay of a push depends on both: their errors are correlated, and the error of the drag is larger."""
     u = 0.1 * random_steps(cart.command.limit, 24.0, 1.0 / DT, 12)
     run = simulate(cart, u, 12)
     fit = identify(run, cart, FREE, options=FitOptions(cost="innovations", diagnose=False))
@@ -167,7 +167,7 @@ def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(
     assert np.allclose(H / np.outer(scale, scale), fisher / np.outer(scale, scale), atol=0.05)
 
 
-def test_over_a_still_floor_the_innovations_are_the_errors_of_the_simulation(cart):
+def test_innovations_over_a_still_floor_equal_simulation_errors(cart):
     prediction = of_cart(cart, cart_run(cart, 1))
     x = prediction.x(AT[:3])
     assert np.allclose(prediction.innovations(x)[0], prediction.simulation.residuals(AT[:3])[0], atol=1e-12)
@@ -186,7 +186,7 @@ def test_the_gradient_is_that_of_the_cost_over_two_runs_with_outliers(cart):
         assert slope[k] == pytest.approx(slope_difference, rel=1e-5, abs=1e-4)
 
 
-def test_a_spike_moves_nothing_and_a_gap_is_not_a_measurement(cart):
+def test_a_spike_has_no_effect_and_a_gap_adds_no_measurement(cart):
     clean, spiked_run, gap = (cart_run(cart, 5) for _ in range(3))
     spiked_run.sensors["odometer"].z[20] = 1e6
     gap.sensors["odometer"].z[20] = np.nan
@@ -196,7 +196,7 @@ def test_a_spike_moves_nothing_and_a_gap_is_not_a_measurement(cart):
     assert not np.allclose(innovations[0][21:25], innovations[2][21:25], atol=1e-3)
 
 
-def test_the_fitted_floor_and_noise_hold_the_truth_and_a_still_floor_is_ruled_out(cart):
+def test_floor_and_noise_are_identified_and_a_still_floor_is_rejected(cart):
     prediction = of_cart(cart, cart_run(cart, 11, 1200))
     low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
     likely = most_likely(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
@@ -222,7 +222,7 @@ def test_on_a_still_floor_the_likelihood_ratio_is_small(cart):
     assert np.median(ratios) < 1.5
 
 
-def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white():
+def test_pose_covariance_grows_with_distance_and_innovations_are_white():
     camera = '[sensors.camera]\nkind = "pose"\nrate_hz = 4.0\nnoise_std = [0.01, 0.01, 0.01]'
     file = parse(CART[: CART.index("[sensors")] + camera, "camera.toml")
     blocks = FittedBlocks(file.vehicle, file.sensors)
@@ -241,7 +241,7 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
     assert np.std(innovations[present[:, 0], 0]) > 5.0
 
 
-def test_a_vehicle_without_a_velocity_of_its_own_is_reported_to_use_the_simulation():
+def test_a_kinematic_vehicle_cannot_use_the_innovations_cost():
     kinematic = parse(
         CART.replace('kind = "planar"', 'kind = "kinematic"')
         .replace(f"mass_kg = {MASS}\ninertia_kg_m2 = 1.0\nactuator_matrix", "velocity_matrix")

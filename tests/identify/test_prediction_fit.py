@@ -1,4 +1,4 @@
-"""What the two costs say of simulated vehicles: alike over a still floor, the innovations better over one that moves.
+"""Both cost functions on simulated vehicles: equal over a still floor, the innovations better over a moving floor.
 
 Figures over more seeds: small, 40 seeds: 95 % intervals of the simulation error hold the truth in 91 %, those of
 the innovations in 95 %, at 0.78 of its error; here are few, and bounds that sound code passes 999 times in 1,000.
@@ -41,7 +41,7 @@ def disturbed_fits(case):
     return file, [both(file, seed) for seed in SEEDS]
 
 
-def test_over_a_still_floor_both_costs_say_the_same_and_the_simulation_is_believed(case):
+def test_both_costs_agree_over_a_still_floor_and_the_simulation_is_chosen(case):
     for seed in SEEDS:
         first, second = both(case, seed)
         k = np.isfinite(first.sd)
@@ -51,7 +51,7 @@ def test_over_a_still_floor_both_costs_say_the_same_and_the_simulation_is_believ
         assert np.all(second.estimate[-3:] < 0.005)
 
 
-def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_hold(disturbed_fits):
+def test_innovations_are_more_accurate_over_a_moving_floor_with_correct_coverage(disturbed_fits):
     file, fits = disturbed_fits
     names = interior_names(fits[0][0])
     z, errors = np.array(
@@ -65,7 +65,7 @@ def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_
         assert not fit.autocorrelated
 
 
-def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed_fits):
+def test_floor_noise_is_identified_with_error_bars_and_written_to_the_file(disturbed_fits):
     file, fits = disturbed_fits
     floor = [f"{FLOOR}[{i}]" for i in range(3)]
     for _, fit in fits:
@@ -93,7 +93,7 @@ def test_one_sample_in_ten_may_be_an_outlier(disturbed_fits):
     assert np.exp(np.mean(np.log(rmse[1] / rmse[0]))) < 1.3
 
 
-def test_pieces_and_several_runs_go_the_same_way(case):
+def test_segments_and_several_runs_use_the_innovations_cost_too(case):
     file = case.with_values({FLOOR: [0.03, 0.01, 0.03]})
     runs = [simulate(file, random_steps(file.command.limit, 20.0, file.rate_hz, s), s) for s in (1, 2)]
     fit = identify(runs, file, options=FitOptions(cost="innovations", segment_s=10.0))
@@ -101,7 +101,7 @@ def test_pieces_and_several_runs_go_the_same_way(case):
     assert np.max(np.abs(off)) < 4.5
 
 
-def test_a_free_clock_and_a_cost_that_is_none_are_refused(case):
+def test_a_free_clock_or_an_unknown_cost_is_refused(case):
     run = simulate(case, random_steps(case.command.limit, 5.0, case.rate_hz, 1), 1)
     with pytest.raises(UsageError, check=of_code("cost.unknown", known="simulation, innovations")):
         identify(run, case, options=FitOptions(cost="likelihood"))
@@ -109,7 +109,7 @@ def test_a_free_clock_and_a_cost_that_is_none_are_refused(case):
         identify(run, load("case-study-1"), options=FitOptions(cost="innovations", clocks=("imu",)))
 
 
-def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
+def test_the_second_search_reports_its_progress_and_can_be_stopped(case):
     run = simulate(case, random_steps(case.command.limit, 10.0, case.rate_hz, 1), 1)
     texts = []
 
@@ -122,8 +122,8 @@ def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
 
-def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed_fits):
-    """The simulation's residuals are autocorrelated, and the likelihood of a moving floor says why."""
+def test_autocorrelation_explained_by_the_floor_gives_no_warning(disturbed_fits):
+    """The simulation residuals are autocorrelated, and the likelihood of a moving floor explains this."""
     _, fits = disturbed_fits
     for first, second in fits:
         assert first.autocorrelated
@@ -135,8 +135,8 @@ def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed_fits):
 
 
 @pytest.mark.long
-def test_a_low_pass_of_the_imu_passes_for_no_floor(small):
-    """Innovations can be white without it, and wrong: two answers, and a larger error in open loop, say so."""
+def test_an_imu_low_pass_is_not_mistaken_for_floor_noise(small):
+    """Innovations can be white and wrong: different estimates and a larger open-loop error reveal this."""
     run = simulate(small, random_steps(small.command.limit, 60.0, small.rate_hz, 1), 1)
     z, keep = run.sensors["imu"].z, np.exp(-(small.rate_hz**-1) * 2.0 * np.pi * 8.0)
     for k in range(1, len(z)):

@@ -38,7 +38,7 @@ def _pinned(fit, name):
     return {name: (x * (1.0 - 1e-9), x * (1.0 + 1e-9))}
 
 
-def test_a_car_model_is_found_on_either_run(fits):
+def test_a_car_model_is_identified_from_either_run(fits):
     for fit in fits:
         assert fit.converged
         assert fit.verdict in ("USABLE", "WARN")
@@ -46,14 +46,14 @@ def test_a_car_model_is_found_on_either_run(fits):
         assert 0.4 < fit.value("model.steering_gain") < 0.6
 
 
-def test_it_predicts_the_other_run(fits, runs):
+def test_the_model_of_one_run_predicts_the_other_run(fits, runs):
     for fit, second_run in ((fits[0], runs[1]), (fits[1], runs[0])):
         r2 = held_out(fit, second_run)
         assert r2["odometer", 0] > 0.9
         assert r2["imu", 2] > 0.9
 
 
-def test_a_fit_by_the_imu_alone_repeated_from_its_own_answer_keeps_the_drive(runs):
+def test_a_repeated_imu_fit_of_a_recording_gives_the_same_estimate(runs):
     """Raw gyro, free delay: with a servo of 8 ms, which no row of 25 ms bears, the second fit saw no parameter."""
     free = ["throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag", "steering_gain",
             "steering_offset_rad", "yaw_lag_s", "drivetrain.delay_s"]  # fmt: skip

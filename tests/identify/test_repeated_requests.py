@@ -1,4 +1,4 @@
-"""What a problem was asked before is not worked out again, as long as it still holds."""
+"""A repeated request of a problem is answered from its cache while the cached value is valid."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def fit_at_rest(run, case):
         return identify(run, case, options=FitOptions(at_rest=True))
 
 
-def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
+def test_residuals_and_predictions_are_cached_for_one_point_and_noise(end):
     problem, theta = end.task.problem, end.search.solution.theta
     for score_test in (problem.residuals, problem.predictions):
         assert score_test(theta)[0] is score_test(theta.copy())[0]
@@ -35,13 +35,13 @@ def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
 
 
 def predictions(problem, theta):
-    """What the kernel says of the first piece, every reading being asked for."""
+    """The predictions of the kernel for the first segment, for every reading."""
     rows = problem.rows[0].copy()
     rows[:, problem._weights] = 1.0
     return problem.z[0] - np.asarray(problem.scan.run(rows, theta)[1])
 
 
-def test_predictions_are_there_where_no_reading_is(end, case, case_run):
+def test_predictions_exist_also_at_ticks_without_a_reading(end, case, case_run):
     run = case_run(0, 6.0)
     z = run.sensors["imu"].z.copy()
     z[100:200, 1] = np.nan
@@ -54,7 +54,7 @@ def test_predictions_are_there_where_no_reading_is(end, case, case_run):
     )
 
 
-def test_slopes_that_were_taken_away_and_written_to_are_worked_out_anew(end):
+def test_derivatives_are_computed_again_after_a_caller_overwrites_a_copy(end):
     problem, theta = end.task.problem, end.search.solution.theta
     (_, d, _), before = problem.sensitivities(theta)[0], problem.sensitivities(theta)[0][1].copy()
     assert problem.sensitivities(theta)[0][1] is d

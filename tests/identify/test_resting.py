@@ -1,4 +1,4 @@
-"""The gyro of a car: its bias is measured while the car stands, never while it drives."""
+"""The gyro of a car: its bias is measured while the car is at rest, never while it drives."""
 
 from dataclasses import replace
 from datetime import date
@@ -20,7 +20,7 @@ def drive_rest(rest_s):
     return car, simulate(override(car, [f"sensors.imu.gyro_bias={BIAS}"]), u, 3)
 
 
-def test_the_bias_of_a_car_that_stands_is_what_its_gyro_reads():
+def test_the_gyro_bias_is_measured_while_the_car_is_at_rest():
     car, run = drive_rest(rest_s=6.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     file = fit.vehicle_file
@@ -31,7 +31,7 @@ def test_the_bias_of_a_car_that_stands_is_what_its_gyro_reads():
     assert fit.notes[0].code == "bias.at-rest"
 
 
-def test_the_bias_of_a_car_that_never_stands_is_that_of_its_file():
+def test_without_a_rest_the_gyro_bias_is_that_of_the_file():
     car, run = drive_rest(rest_s=0.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
@@ -47,7 +47,7 @@ def offset(car, run, zero, sd):
     return fit.estimate[k], fit.sd[k]
 
 
-def test_the_error_of_a_zero_stands_in_that_of_the_steering():
+def test_the_steering_error_includes_the_gyro_bias_error():
     """It moves the steering as another zero does; of one that nobody measured, by what the run knows of it."""
     car, run = drive_rest(rest_s=0.0)
     estimate, sure = offset(car, run, BIAS, 1e-9)
@@ -57,7 +57,7 @@ def test_the_error_of_a_zero_stands_in_that_of_the_steering():
     assert 1.01 * sure < offset(car, run, BIAS, None)[1] < unsure
 
 
-def test_a_car_that_is_turned_by_hand_without_commands_does_not_stand():
+def test_a_car_turned_by_hand_is_not_at_rest():
     car, run = drive_rest(rest_s=6.0)
     imu = run.sensors["imu"]
     turned_z = (
@@ -68,7 +68,7 @@ def test_a_car_that_is_turned_by_hand_without_commands_does_not_stand():
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
 
 
-def test_a_delay_that_is_asked_for_is_looked_for_beyond_the_one_of_the_file():
+def test_a_free_delay_is_searched_beyond_its_value_in_the_file():
     car = load("car")
     u = random_steps([0.5, 0.6], 40.0, car.rate_hz, 5)
     run = simulate(override(car, ["model.drivetrain.delay_s=0.13"]), u, 5)

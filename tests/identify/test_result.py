@@ -19,7 +19,7 @@ def fit(case, case_run):
     return identify(case_run(0, 20.0), case)
 
 
-def test_rows_are_flat_and_fit_for_json(fit):
+def test_rows_are_flat_and_serialisable_to_json(fit):
     rows = fit.rows()
     assert json.loads(json.dumps(rows)) == rows
     assert [row["name"] for row in rows] == list(fit.names)
@@ -34,7 +34,7 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert any(line.startswith("USABLE: ") for line in lines)
 
 
-def test_what_was_asked_for_run_by_run_is_reported(case, case_run):
+def test_values_of_each_run_are_reported(case, case_run):
     fit = identify(case_run(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
     plain = identify(case_run(0, 10.0), case)
     rows = [row for row in fit.run_by_run() if row["name"] == "clock.truth"]
@@ -61,7 +61,7 @@ def test_predictions_stand_beside_the_data_in_each_channel(fit):
         assert c.t_s.shape == c.measured.shape
 
 
-def test_the_file_gets_values_origin_and_covariance(fit, case):
+def test_the_file_receives_values_provenance_and_covariance(fit, case):
     file = fit.updated(date(2026, 11, 21))
     np.testing.assert_allclose(file.value("model.friction.linear"), fit.estimate[:3], rtol=1e-3)
     assert file.value("model.actuator_matrix[1,1]") == 1.0  # not seen: as it was
@@ -90,14 +90,14 @@ def test_the_file_gets_values_origin_and_covariance(fit, case):
         ({"sigma": {"imu": [0.1, 0.1, 0.0]}}, "sigma.negative"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_words(case, case_run, options, code):
+def test_contradicting_options_of_a_fit_are_refused(case, case_run, options, code):
     arguments = {name: value for name, value in options.items() if name in ("free", "use")}
     fit_options = {name: value for name, value in options.items() if name not in arguments}
     with pytest.raises(UsageError, check=of_code(code)):
         identify(case_run(0, 20.0), case, **arguments, options=FitOptions(**fit_options))
 
 
-def test_runs_that_cannot_be_fitted_are_refused_in_words(case, case_run):
+def test_unsuitable_runs_are_refused_with_a_reason(case, case_run):
     run = case_run(0, 20.0)
     imu = run.sensors["imu"]
     cases = {
@@ -117,7 +117,7 @@ def test_runs_that_cannot_be_fitted_are_refused_in_words(case, case_run):
         identify([run, replace(run, name="deaf", sensors={})], case, use=["imu"])
 
 
-def test_a_run_without_readings_is_named_where_others_have_them(small):
+def test_a_run_without_readings_among_others_is_refused_by_name(small):
     u = random_steps(small.command.limit, 10.0, 100.0, 0)
     run = simulate(small, u, 0, name="whole")
     imu = run.sensors["imu"]
@@ -140,26 +140,26 @@ def test_a_run_without_readings_is_named_where_others_have_them(small):
 @pytest.mark.parametrize(
     "name", ["model.friction.linnear[0]", "model.friction.linear", "model.friction.linear[0"]
 )
-def test_a_name_that_was_not_fitted_is_put_right(fit, name):
+def test_a_misspelled_parameter_name_gets_a_proposed_correction(fit, name):
     with pytest.raises(UsageError, check=of_code("fit.not-fitted")) as error:
         fit.value(name)
     assert error.value.diagnostic.figures["near"].figures["meant"] == "model.friction.linear[0]"
 
 
 @pytest.mark.parametrize("name", ["model.mass_kg", "model.friction.coulomb"])
-def test_a_parameter_that_was_not_fitted_is_freed(fit, name):
+def test_the_value_of_an_unfitted_parameter_advises_to_free_the_parameter(fit, name):
     with pytest.raises(UsageError, check=of_code("fit.not-free")) as error:
         fit.value(name)
     assert error.value.diagnostic.fix == f"--free +{name}"
 
 
-def test_a_name_that_no_vehicle_has_is_not_to_be_freed(fit):
+def test_the_value_of_an_unknown_parameter_is_refused(fit):
     for name in ("model.mas_kg", "nonsense", "model.friction", "model.commands"):
         with pytest.raises(UsageError, check=of_code("fit.not-fitted")):
             fit.value(name)
 
 
-def test_what_swings_is_reported_as_that_and_not_as_a_floor(small):
+def test_negative_autocorrelation_is_not_reported_as_floor_disturbance(small):
     """Of a gyro whose noise was differenced: a colour below 0, for which nothing is widened."""
     run = simulate(small, random_steps(small.command.limit, 20.0, 100.0, 0), 0)
     imu = run.sensors["imu"]
@@ -173,7 +173,7 @@ def test_what_swings_is_reported_as_that_and_not_as_a_floor(small):
     assert not {"residual.not-white", "cost.try-innovations"} & {note.code for note in fit.notes}
 
 
-def test_what_was_done_to_the_data_is_reported(case, case_run):
+def test_changes_of_the_data_are_reported(case, case_run):
     run = case_run(0, 20.0)
     imu = run.sensors["imu"]
     z = imu.z.copy()

@@ -1,5 +1,4 @@
-"""A search does not step to where a model runs away, though its robust cost be finite there; nor does such a model
-tell anything of its parameters."""
+"""A search does not step to a diverging model, even if its robust cost is finite; such a model adds no information."""
 
 from types import SimpleNamespace
 
@@ -11,7 +10,7 @@ from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.residuals.block_arrow import Evaluation
 
 
-def test_slopes_that_are_not_finite_are_not_a_place_to_go():
+def test_the_search_rejects_a_point_with_infinite_derivatives():
     def evaluate(theta):
         x = theta[0]
         if x > 2.0:  # beyond, the cost is lower and has no slope
@@ -26,7 +25,7 @@ def test_slopes_that_are_not_finite_are_not_a_place_to_go():
 
 
 @pytest.mark.parametrize("far", [np.nan, np.inf, -np.inf, 1e200, -1e200])
-def test_id12_a_piece_that_ran_away_tells_nothing_and_the_other_what_it_tells_alone(far):
+def test_id12_a_diverged_segment_adds_no_information(far):
     rng = np.random.default_rng(0)
     r, d = rng.standard_normal((100, 2)), rng.standard_normal((100, 2, 3))
     away = np.where(np.arange(100)[:, None, None] > 50, far, d)

@@ -1,4 +1,4 @@
-"""A run in pieces: the same parameters, honest errors, and poses that a whole run could not be held to."""
+"""A run in segments: the same parameters, correct errors, and poses that a whole run could not follow."""
 
 from dataclasses import replace
 from importlib import import_module
@@ -17,7 +17,7 @@ from tests.codes import of_code
 FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_matrix[0,0]")
 
 
-def test_pieces_hold_every_measurement_once(case, case_run):
+def test_segments_contain_every_measurement_once(case, case_run):
     whole = record_of(case_run(0, 12.0), case.sensors._asdict())
     pieces = cut(whole, 2.5, 0.3)
     assert len(pieces) == 5
@@ -27,14 +27,14 @@ def test_pieces_hold_every_measurement_once(case, case_run):
     np.testing.assert_array_equal(times_kept, whole.t_s)
 
 
-def test_a_piece_begins_before_its_first_measurement(case, case_run):
+def test_a_segment_begins_before_its_first_measurement(case, case_run):
     whole = record_of(case_run(0, 12.0), case.sensors._asdict())
     pieces = cut(whole, 2.5, 0.0)
     assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
     assert all(not p.sensors["imu"].has[: p.lead].any() for p in pieces)
 
 
-def test_what_was_measured_before_the_first_tick_is_left_out(case, case_run):
+def test_measurements_before_the_first_tick_are_left_out(case, case_run):
     run = case_run(0, 3.0)
     imu = run.sensors["imu"]
     t_ns = imu.t_ns - 2_000_000
@@ -44,14 +44,14 @@ def test_what_was_measured_before_the_first_tick_is_left_out(case, case_run):
     assert has[1:].all()
 
 
-def test_a_piece_longer_than_the_run_is_the_run(case, case_run):
+def test_a_segment_longer_than_the_run_is_the_whole_run(case, case_run):
     whole = record_of(case_run(0, 4.0), case.sensors._asdict())
     (piece,) = cut(whole, 60.0, 0.5)
     assert piece.lead == 0
     np.testing.assert_array_equal(piece.u, whole.u)
 
 
-def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
+def test_eliminating_initial_states_gives_the_inverse_of_the_whole_information():
     rng = np.random.default_rng(0)
     layout = ThetaLayout(3, 2, 2, (0, 0, 1))
     J = np.zeros((60, layout.size))
@@ -64,7 +64,7 @@ def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
     np.testing.assert_allclose(meat, without_start, rtol=1e-9, atol=1e-12)
 
 
-def test_slopes_without_the_start_of_their_piece_have_the_information_without_starts():
+def test_derivatives_with_initial_states_eliminated_give_the_reduced_information():
     rng = np.random.default_rng(1)
     layout = ThetaLayout(3, 2, 2, (0, 0, 1))
     A, without_start = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
@@ -78,7 +78,7 @@ def test_slopes_without_the_start_of_their_piece_have_the_information_without_st
     np.testing.assert_allclose(without_start, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
-def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, case_run, off):
+def test_a_segmented_fit_is_correct_with_slightly_larger_errors(case, case_run, off):
     run = case_run(3, 40.0)
     whole = identify(run, case, FREE)
     pieces = identify(run, case, FREE, options=FitOptions(segment_s=4.0))
@@ -91,7 +91,7 @@ def test_a_fit_in_pieces_finds_the_truth_with_little_less_certainty(case, case_r
 
 
 @pytest.mark.parametrize(("seed", "segment_s"), [(1, 5.0), (4, 5.0), (6, 2.0), (6, 10.0)])
-def test_a_slip_that_the_lead_forgets_does_not_lead_the_search_astray(small, seed, segment_s):
+def test_initial_slip_of_segments_does_not_slow_the_search(small, seed, segment_s):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1.0, 1.0, (60, 3)) * [1.0, 0.0, 1.0], 50, axis=0)
     fit = identify(simulate(small, u, seed), small, options=FitOptions(segment_s=segment_s, diagnose=False))
@@ -99,7 +99,7 @@ def test_a_slip_that_the_lead_forgets_does_not_lead_the_search_astray(small, see
     assert fit.evaluations < 60  # 424 to 800 where a piece may begin with any slip
 
 
-def test_cores_sum_as_one_does(case, case_run, monkeypatch):
+def test_several_cores_give_the_same_sum_as_a_single_core(case, case_run, monkeypatch):
     runs = [case_run(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
     monkeypatch.setattr(import_module("baqueano.identify.parallel"), "ENOUGH", 10**9)
@@ -108,7 +108,7 @@ def test_cores_sum_as_one_does(case, case_run, monkeypatch):
     np.testing.assert_array_equal(together.cov, serial.cov)
 
 
-def test_each_run_may_have_a_number_for_itself(case, case_run):
+def test_each_run_may_have_its_own_parameter(case, case_run):
     scales = (1.0, 1.05)
     runs = [case_run(k, 15.0, case.with_values({"sensors.imu.gyro_scale": s})) for k, s in enumerate(scales)]
     fit = identify(
@@ -121,7 +121,7 @@ def test_each_run_may_have_a_number_for_itself(case, case_run):
 
 @pytest.fixture(scope="module")
 def filmed_run(small):
-    """A drive of the small vehicle whose camera's clock is 40 ms off, with a gyro that says too much."""
+    """A drive of the small vehicle whose camera clock is 40 ms off and whose gyro measures too much."""
     from baqueano.identify import random_steps
 
     file = small.with_values({"sensors.imu.gyro_scale": 1.04})
@@ -150,11 +150,11 @@ def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed_run, small):
     assert fit.own_sd[0, c] < 0.005
 
 
-def test_a_clock_of_what_is_not_believed_is_refused(case, case_run):
+def test_a_free_clock_of_an_unused_sensor_is_refused(case, case_run):
     with pytest.raises(UsageError, check=of_code("clock.unreliable", known="imu")):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 
-def test_pieces_need_a_length(case, case_run):
+def test_segments_need_a_positive_length(case, case_run):
     with pytest.raises(UsageError, check=of_code("segment.length", length_s=0.0)):
         identify(case_run(0, 3.0), case, FREE, options=FitOptions(segment_s=0.0))

@@ -1,4 +1,4 @@
-"""Excitation: inside the limits, a function of the seed alone, rich enough, and honest about bad input."""
+"""Excitation: within the limits, determined by the seed, rich enough, and with errors for bad input."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ LIMIT = [20.0, 0.0, 60.0]
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=st.integers(0, 2**32), duration_s=st.floats(8.0, 40.0))
-def test_every_signal_stays_inside_its_limits_and_never_moves_a_channel_without_one(kind, seed, duration_s):
+def test_every_signal_stays_within_its_limits_and_zero_limits_give_zero(kind, seed, duration_s):
     u = excitation(kind, LIMIT, duration_s, 50.0, seed)
     assert u.shape == (round(duration_s * 50.0), 3)
     assert np.all(np.abs(u) <= np.array(LIMIT) * (1.0 + 1e-12))
@@ -22,19 +22,19 @@ def test_every_signal_stays_inside_its_limits_and_never_moves_a_channel_without_
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_same_seed_gives_the_same_signal_and_another_gives_another(kind):
+def test_a_signal_depends_on_its_seed_alone(kind):
     first, same, different = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
     assert np.array_equal(first, same)
     assert not np.array_equal(first, different)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_channels_of_a_signal_are_not_alike(kind):
+def test_channels_of_a_signal_differ(kind):
     u = excitation(kind, LIMIT, 120.0, 50.0, 1)
     assert abs(np.corrcoef(u[:, 0], u[:, 2])[0, 1]) < 0.4
 
 
-def test_random_steps_are_held():
+def test_random_steps_stay_constant_for_their_duration():
     u = random_steps([1.0], 10.0, 100.0, 0, hold_s=0.5)
     assert np.count_nonzero(np.diff(u[:, 0])) == 19
 
@@ -59,7 +59,7 @@ def test_ramps_begin_and_end_slowly_and_go_both_ways():
     assert u.max() > 0.3
 
 
-def test_rest_comes_before_and_after():
+def test_a_signal_begins_and_ends_with_rest():
     u = excitation("prbs", [1.0], 10.0, 100.0, 0, rest_s=2.0)
     assert len(u) == 1000
     assert not u[:200].any()
@@ -83,6 +83,6 @@ def test_rest_comes_before_and_after():
         (lambda: multisine(LIMIT, 1.0, 50.0, high_hz=1.0), "signal.few-sines"),
     ],
 )
-def test_a_signal_that_makes_no_sense_is_refused_in_words(call, code):
+def test_an_invalid_signal_is_refused_with_a_reason(call, code):
     with pytest.raises(UsageError, check=of_code(code)):
         call()

@@ -1,4 +1,4 @@
-"""Which accelerometers may correct the speed is decided by runs that the fit has not seen."""
+"""Unseen runs decide which accelerometers may correct the speed."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def fit():
     return identify(run := drive_fit(SMALL, 30.0, 1), SMALL, FREE), run
 
 
-def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
+def test_without_a_validation_run_no_speed_channel_is_chosen(fit):
     noise = measure_noise(*fit)
     assert noise.speed is not None
     assert not noise.speed.decided
@@ -37,7 +37,7 @@ def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
 
 @pytest.mark.long
 def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
-    """A floor that pushes: no command tells the model of it, an accelerometer feels it."""
+    """The floor pushes the vehicle: the model has no command for it, but an accelerometer measures it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}
     own_run, unseen_run = (
         drive_fit(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2))
@@ -52,7 +52,7 @@ def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     assert fitted_file.estimator().speed_from == noise.speed.names
 
 
-def test_accelerometers_that_spoil_the_speed_are_left_out(fit):
+def test_accelerometers_that_worsen_the_speed_are_left_out(fit):
     """An IMU that was tilted by 3 degrees after the fit: a_x shows a slope that is not there."""
     bias = SMALL.sensors.imu.accel_bias + np.array([0.5, 0.5])
     unseen_run = drive_fit(SMALL, HELD_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
@@ -61,14 +61,14 @@ def test_accelerometers_that_spoil_the_speed_are_left_out(fit):
     assert noise.speed.names == (), noise.speed.message
 
 
-def test_too_few_pieces_decide_nothing_for_the_accelerometers(fit):
+def test_too_few_segments_do_not_decide_about_the_accelerometers(fit):
     noise = measure_noise(*fit, held_out=[drive_fit(SMALL, 20.0, 3)])
     assert noise.speed is not None
     assert noise.speed.names == ()
     assert noise.speed.message.code == "speed.too-short"
 
 
-def test_the_ratio_of_blocks_is_that_of_the_sums():
+def test_the_ratio_over_blocks_is_the_ratio_of_sums():
     rng = np.random.default_rng(0)
     block_sums, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
     ratio, low, high = ratio_of_blocks(block_sums, reference)

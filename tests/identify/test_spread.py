@@ -6,7 +6,7 @@ import pytest
 from baqueano.identify.residuals.noise_level import spread, telling
 
 
-def test_rows_in_which_an_encoder_stands_do_not_make_the_noise_small():
+def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise():
     """Two thirds of the rows say 0 and so does the model, but for what is left of its start."""
     rng = np.random.default_rng(0)
     noise = rng.normal(scale=0.05, size=(3000, 1))
@@ -19,12 +19,12 @@ def test_rows_in_which_an_encoder_stands_do_not_make_the_noise_small():
     assert moving_only == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
 
 
-def test_a_model_that_moves_while_the_encoder_stands_is_reported():
+def test_a_model_that_moves_while_the_encoder_rests_is_reported():
     residuals, z = np.full((100, 1), -0.3), np.zeros((100, 1))
     z[50:] = 1.0
     assert telling([residuals], [np.ones((100, 1))], [z])[0].all()
 
 
-def test_a_channel_in_which_nothing_ever_happens_keeps_its_rows():
+def test_all_rows_of_a_constant_channel_are_used():
     zero = np.zeros((50, 1))
     assert telling([zero], [np.ones((50, 1))], [zero])[0].all()

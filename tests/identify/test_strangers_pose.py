@@ -81,19 +81,19 @@ def fit():
     return identify([drive(1), drive(2)], file, FREE, use=("truth",), options=FitOptions(clocks=("truth",)))
 
 
-def test_radii_track_and_slide_are_those_of_the_stranger(fit):
+def test_radii_track_and_slip_of_an_unknown_vehicle_are_identified(fit):
     assert fit.verdict != "REFUSED"
     assert np.max(np.abs(fit.estimate - TRUE) / fit.sd) < 4.0
     assert np.max(fit.sd / fit.estimate) < 0.1
 
 
-def test_its_camera_is_late_by_40_ms(fit):
+def test_the_camera_delay_of_40_ms_is_identified(fit):
     clock = fit.own_names.index("clock.truth")
     assert np.max(np.abs(fit.own[:, clock] + LATE_S) / fit.own_sd[:, clock]) < 4.0
     assert np.max(fit.own_sd[:, clock]) < 0.05
 
 
-def test_a_floor_that_drifts_is_in_the_error_bars():
+def test_the_error_bars_include_a_drifting_floor():
     file, off = parse(FILE, "stranger.toml"), []
     for seed in (11, 21, 31):
         runs = [drive(seed), drive(seed + 1)]
@@ -104,7 +104,7 @@ def test_a_floor_that_drifts_is_in_the_error_bars():
     assert 0.5 < float(np.sqrt(np.mean(np.square(off)))) < 1.5
 
 
-def test_unseen_runs_are_as_good_as_its_own(fit):
+def test_unseen_runs_are_predicted_as_well_as_fitted_runs(fit):
     validation = validate(fit, [drive(3), drive(4)])
     assert validation.verdict == "USABLE"
     assert max(figure.times for figure in validation.figures) < 1.3

@@ -88,6 +88,6 @@ def test_friction_of_the_wheels_is_chosen_and_dead_zones_are_not(choice):
     assert choice.taken == ("dry friction of the wheels",)
 
 
-def test_it_carries_over_to_unseen_runs(choice):
+def test_the_fit_of_an_unknown_robot_predicts_unseen_runs(choice):
     validation = validate(choice.fit, [drive(3), drive(4)])
     assert validation.verdict == "USABLE"

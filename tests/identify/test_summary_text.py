@@ -1,4 +1,4 @@
-"""What a terminal shows of a fit is short, marks what should not be believed, and names where the rest is."""
+"""The terminal output of a fit is short, marks doubtful values, and refers to the full report."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -33,11 +33,11 @@ def row(
         (row(None, None, None, "no"), "not identifiable"),
     ],
 )
-def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of, mark):
+def test_a_row_whose_interval_includes_zero_is_marked(of, mark):
     assert marks(of) == mark
 
 
-def test_the_table_marks_what_the_rows_say(case_run, case):
+def test_the_table_marks_every_row_that_may_be_zero(case_run, case):
     fit = identify(case_run(0, 4.0), case)
     lines = fit.table().splitlines()[1:]
     doubtful = [row["name"] for row in fit.rows() if row["sd"] and abs(row["estimate"]) < 1.96 * row["sd"]]
@@ -60,14 +60,14 @@ def lines_of(
 WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight")
 
 
-def test_however_much_is_to_be_said_a_screen_holds_it_and_tells_of_the_rest():
+def test_long_verdicts_fit_a_screen_and_count_the_omitted_lines():
     lines = lines_of(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
     assert len(lines) <= MOST
     shown_count = sum(line.startswith("- ") for line in lines)
     assert lines[-1] == f"and {4 * len(WORDS) - shown_count} more: --report fit.html shows all, with figures"
 
 
-def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
+def test_the_last_line_refers_to_the_report_for_omitted_notes():
     many = list(WORDS)
     on_request, in_report = (
         lines_of(many, [], [], [], with_report=with_report) for with_report in (False, True)
@@ -78,27 +78,29 @@ def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
     assert lines_of(["one"], [], [], [], with_report=True) == ["WARN: one"]
 
 
-def coloured_note(i: int, **words: str):
-    return note("any.coloured", Severity.WARNING, subject=f"imu[{i}]", percent=i + 2.5, **words)
+def autocorrelated_note(i: int, **words: str):
+    return note("any.autocorrelated", Severity.WARNING, subject=f"imu[{i}]", percent=i + 2.5, **words)
 
 
-def test_what_is_reported_of_several_channels_is_reported_once():
-    first = "any.coloured (percent = 2.5)"
-    assert grouped([coloured_note(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
-    assert grouped([coloured_note(0), coloured_note(0)]) == [f"{first} (2 times)"]
-    assert grouped([coloured_note(0, of_run="a"), coloured_note(0, of_run="b")]) == [f"a: {first} (2 times)"]
+def test_the_same_note_of_several_channels_is_printed_once():
+    first = "any.autocorrelated (percent = 2.5)"
+    assert grouped([autocorrelated_note(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
+    assert grouped([autocorrelated_note(0), autocorrelated_note(0)]) == [f"{first} (2 times)"]
+    assert grouped([autocorrelated_note(0, of_run="a"), autocorrelated_note(0, of_run="b")]) == [
+        f"a: {first} (2 times)"
+    ]
 
 
-def test_what_differs_in_its_words_is_reported_by_itself():
-    differ = [coloured_note(0, needs="turns"), coloured_note(1, needs="speed")]
+def test_notes_with_different_texts_are_printed_separately():
+    differ = [autocorrelated_note(0, needs="turns"), autocorrelated_note(1, needs="speed")]
     assert len(grouped(differ)) == len(grouped([note("any.one"), note("any.other")])) == 2
 
 
-def test_one_reason_stands_beside_the_verdict_and_nothing_is_reported_of_a_rest_that_is_not():
+def test_a_single_reason_stands_on_the_line_of_the_verdict():
     assert lines_of(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
 
 
-def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(case_run, case):
+def test_the_table_of_a_short_run_fits_a_screen(case_run, case):
     fit = identify(case_run(0, 2.0), case)
     assert fit.verdict != "USABLE"
     lines = verdict_lines(fit)

@@ -1,4 +1,4 @@
-"""A tape that says something else than the model is told in both numbers, and is no noise of a sensor."""
+"""A tape measurement that contradicts the model is reported with both values and is not sensor noise."""
 
 import pytest
 
@@ -20,13 +20,13 @@ def fit(small, runs):
     return identify(runs, small, free=FREE, options=FitOptions(measured=("run 1 end: 400 cm",)))
 
 
-def test_a_tape_of_a_later_run_that_is_far_off_is_reported_in_metres(fit):
+def test_a_wrong_tape_of_a_later_run_is_reported_in_metres(fit):
     far = [reason for reason in fit.reasons if reason.code == "residual.one-far"]
     assert len(far) == 1
     assert (far[0].subject, far[0].figures["measured"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
 
 
-def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
+def test_the_measured_noise_has_units_and_excludes_the_tape(fit, runs):
     noise = measure_noise(fit, runs)
     units = {row["name"]: row["unit"] for row in noise.rows()}
     assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]

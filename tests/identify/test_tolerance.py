@@ -1,5 +1,5 @@
-"""How well a scale is known is told on the command line as in Python, or by the file; and refused where it would
-do nothing."""
+"""The tolerance of a scale is given on the command line, in Python or in the file; a tolerance without effect is
+refused."""
 
 import numpy as np
 import pytest
@@ -20,14 +20,14 @@ from tests.codes import of_code
         ({}, {}),
     ],
 )
-def test_a_tolerance_of_a_scale_is_the_same_by_its_key_and_by_its_kind(tolerance, python):
+def test_a_tolerance_may_be_given_by_key_or_by_kind(tolerance, python):
     car = load("car").with_values({"sensors.imu.gyro_scale": 1.035})
     np.testing.assert_allclose(
         scales_of(with_tolerance(car, tolerance), "imu"), scales_of(car, "imu", python), rtol=5e-3
     )
 
 
-def test_what_was_told_is_written_with_where_it_comes_from():
+def test_a_given_tolerance_is_written_with_its_provenance():
     provenance = with_tolerance(load("car"), {"sensors.imu.gyro_scale": 0.01}).provenance[
         "sensors.imu.gyro_scale"
     ]
@@ -44,7 +44,7 @@ def test_what_was_told_is_written_with_where_it_comes_from():
         ({"sensors.imu.gyro_scale": 0.0}, "tolerance.no-part"),
     ],
 )
-def test_what_is_not_a_scale_or_no_part_of_one_is_refused(tolerance, code):
+def test_a_tolerance_of_a_parameter_that_is_no_scale_is_refused(tolerance, code):
     with pytest.raises(UsageError, check=of_code(code)):
         with_tolerance(load("car"), tolerance)
 
@@ -63,7 +63,7 @@ def test_what_is_not_a_scale_or_no_part_of_one_is_refused(tolerance, code):
         ),
     ],
 )
-def test_a_tolerance_that_would_do_nothing_is_refused(tmp_path, monkeypatch, capsys, line, message):
+def test_a_tolerance_without_effect_is_refused(tmp_path, monkeypatch, capsys, line, message):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
         main(["simulate", "--vehicle", "car", "--seconds", "2", "-o", "car.mcap"])

@@ -1,4 +1,4 @@
-"""Whole turns by hand tell the scale of a gyro, with an interval that holds.
+"""Whole turns by hand identify the scale of a gyro, with an interval of correct coverage.
 
 The logs are made here, without any model of ours: a hand that turns unevenly and puts back to 2°, a gyro whose bias
 wanders. Of 200 intervals of 95 % between 180 and 198 hold: false alarm below 1 % for sound code; seeds fixed.
@@ -50,7 +50,7 @@ def small():
     return load("small")
 
 
-def test_the_scale_is_in_its_interval_and_the_interval_is_not_wide(small):
+def test_the_gyro_scale_lies_within_its_narrow_interval(small):
     inside, wide, usable = 0, [], 0
     for seed in range(200):
         calibration = by_hand(by_hand_log((2, -2) if seed % 2 else (2, 2, -2), seed), small)
@@ -64,14 +64,14 @@ def test_the_scale_is_in_its_interval_and_the_interval_is_not_wide(small):
     assert usable >= 190, "once in a hundred times a hand seems careless"
 
 
-def test_the_bias_is_that_of_its_rests(small):
+def test_the_gyro_bias_is_measured_in_the_rests(small):
     row = by_hand(by_hand_log(), small).rows()[1]
     assert row["name"] == "sensors.imu.gyro_bias"
     assert row["value"] == pytest.approx(BIAS, abs=0.002)
     assert "at rest, 3 times" in row["text"]
 
 
-def test_a_rest_in_the_midst_of_a_turn_is_off_the_mark(small):
+def test_a_pause_within_a_turn_is_not_a_rest_on_the_mark(small):
     calibration = by_hand(by_hand_log((2,), pause=True), small)
     assert calibration.value(NAME) == pytest.approx(SCALE, abs=0.012)
     assert "2 turns by hand, between 2 rests on a mark" in calibration.table()
@@ -85,24 +85,24 @@ def test_a_careless_hand_widens_the_interval(small):
     assert careless["low"] < SCALE < careless["high"]
 
 
-def test_half_a_turn_is_refused_with_what_was_seen(small):
+def test_half_a_turn_is_refused(small):
     with pytest.raises(UsageError, check=of_code("turns.not-whole")):
         by_hand(by_hand_log((1.5,)), small)
 
 
-def test_many_turns_are_asked_for(small):
+def test_an_ambiguous_number_of_turns_must_be_given_by_the_user(small):
     run = by_hand_log((12,))
     with pytest.raises(UsageError, check=of_code("turns.ambiguous")):
         by_hand(run, small)
     assert by_hand(run, small, 12).value(NAME) == pytest.approx(SCALE, abs=0.003)
 
 
-def test_a_run_that_only_rests_says_what_to_do(small):
+def test_a_run_without_a_turn_is_refused_with_a_remedy(small):
     with pytest.raises(UsageError, check=of_code("turns.few-rests", rests=1)):
         by_hand(by_hand_log(()), small)
 
 
-def test_a_silence_and_the_end_of_the_range_are_refused(small):
+def test_a_gap_or_a_saturated_gyro_is_refused(small):
     run = by_hand_log()
     t_ns, _, z = run.sensors["imu"]
     has = (t_ns < 5_000_000_000) | (t_ns > 5_400_000_000)
@@ -115,7 +115,7 @@ def test_a_silence_and_the_end_of_the_range_are_refused(small):
         by_hand(replace(run, sensors={"imu": Channel(t_ns, t_ns, z)}), small)
 
 
-def test_a_gyro_without_noise_is_read(small):
+def test_a_noise_free_gyro_is_accepted(small):
     assert by_hand(by_hand_log(noise=0.0), small).value(NAME) == pytest.approx(SCALE, abs=0.012)
 
 
@@ -125,7 +125,7 @@ def test_a_run_with_commands_was_not_turned_by_hand():
     assert not turned_by_hand(replace(run, applied=0.3 + run.applied))
 
 
-def test_a_fit_of_it_says_what_to_type(small):
+def test_a_fit_of_a_run_turned_by_hand_is_refused(small):
     with pytest.raises(UsageError, check=of_code("runs.all-still")):
         identify(by_hand_log(), small, [NAME], use=("imu[2]",), options=FitOptions(measured=["end: 720 deg"]))
 

@@ -1,4 +1,4 @@
-"""A sensor that the run has and the vehicle file has not is told once, with what to write."""
+"""A sensor of the run that the vehicle file lacks is reported once, with a remedy."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ def with_more(run, **sizes: int):
     return replace(run, sensors=run.sensors | {name: channel(m) for name, m in sizes.items()})
 
 
-def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(case_run, case):
+def test_a_sensor_missing_in_the_file_is_reported_with_a_remedy(case_run, case):
     run = with_more(case_run(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
     notes = unused([run, run], case)
     assert len(notes) == 2, "once for all runs, and nothing of battery and temperature"
@@ -26,7 +26,9 @@ def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(cas
     assert unused([case_run(0, 2.0)], case) == []
 
 
-def test_it_is_reported_before_the_fit_unless_sensors_are_named(case_run, tmp_path, monkeypatch, capsys):
+def test_an_unused_sensor_is_reported_before_the_fit_unless_sensors_are_chosen(
+    case_run, tmp_path, monkeypatch, capsys
+):
     import pytest
 
     from baqueano.cli import main

@@ -1,4 +1,4 @@
-"""A fit is judged by runs that it has not seen."""
+"""A fit is judged by unseen runs."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
         assert figure.explained == pytest.approx(figure.on_own_runs, abs=0.1)
 
 
-def test_another_vehicle_is_not_explained(fit, small):
+def test_a_run_of_another_vehicle_is_not_explained(fit, small):
     turned_matrix = -np.asarray(small.value("model.actuator_matrix"))
     validation = validate(fit, run(small, 4, **{"model.actuator_matrix": turned_matrix.tolist()}))
     assert validation.verdict == "REFUSED"
@@ -61,7 +61,7 @@ def test_another_vehicle_is_not_explained(fit, small):
     assert "REFUSED" in validation.table()
 
 
-def test_a_bias_of_the_unseen_run_is_not_held_against_the_model(fit, small):
+def test_a_bias_of_the_unseen_run_does_not_change_the_verdict(fit, small):
     validation = validate(
         fit, run(small, 5, **{"sensors.imu.gyro_bias": 0.1, "sensors.imu.accel_bias": [1.0, -1.0]})
     )
@@ -80,19 +80,19 @@ def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
         validate(replace(fit, verdict="REFUSED"), run(small, 2))
 
 
-def test_a_run_that_was_fitted_to_cannot_judge(fit, small):
+def test_a_fitted_run_cannot_validate_the_fit(fit, small):
     with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 1")):
         validate(fit, run(small, 1))
 
 
-def test_students_quantile_is_that_of_the_tables_also_for_few_degrees_of_freedom():
+def test_students_quantile_equals_the_tables_for_few_degrees_of_freedom():
     for freedom, quantile in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
         assert students(0.995, freedom) == pytest.approx(quantile, rel=3e-3)
         assert students(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
 
 
 def alarms_of(blocks, own, noise=None):
-    """What is said of blocks with these logarithms of the mean square; `noise`, else that of the own blocks."""
+    """The alarms of blocks with these logarithms of the mean square; `noise`, else that of the own blocks."""
     square = np.exp(blocks).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
     figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
@@ -100,26 +100,26 @@ def alarms_of(blocks, own, noise=None):
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
-def test_blocks_that_scatter_alike_are_distinguished_in_one_case_of_a_hundred_at_most(count, own):
+def test_the_false_alarm_rate_of_equal_blocks_is_one_percent(count, own):
     """Also where the error is always large enough. More than 36 of 2,000 would come once in 2,000 tests by chance."""
     rng = np.random.default_rng(0)
     alarms = [alarms_of(rng.normal(size=count), rng.normal(size=own), noise=1e-9) for _ in range(2000)]
     assert sum(map(len, alarms)) <= 36
 
 
-def test_a_run_that_is_far_off_is_reported_with_few_blocks_too():
+def test_a_run_with_a_large_error_is_reported_despite_few_blocks():
     rng = np.random.default_rng(0)
     for count, own in ((2, 2), (3, 3), (1, 6)):
         alarms = alarms_of(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
         assert alarms[0].code == "validation.off", (count, own)
 
 
-def test_of_a_single_block_on_both_sides_it_is_reported_that_it_tells_nothing_of_chance():
+def test_one_block_on_each_side_gives_only_a_possible_alarm():
     assert alarms_of(np.array([2.0]), np.array([0.0]))[0].code == "validation.off-perhaps"
     assert alarms_of(np.array([0.5]), np.array([0.0])) == []
 
 
-def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
+def test_fitted_runs_without_a_channel_are_ignored_for_the_channel(small):
     first, second = run(small, 1), run(small, 6)
     imu = second.sensors["imu"]
     deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
@@ -132,7 +132,7 @@ def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
 
 
 @pytest.mark.parametrize(("backend", "seconds"), [("auto", 4.0), ("numpy", 1.5)])
-def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, seconds):
+def test_a_model_without_run_parameters_is_validated_too(backend, seconds):
     rng, file = np.random.default_rng(0), parse(KINEMATIC, "cart")
     runs = []
     for seed in (1, 2):
@@ -149,7 +149,7 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
     assert min(f.explained for f in validation.figures) > 0.9
 
 
-def test_a_figure_that_says_nothing_is_not_reported_with_a_hundred_digits():
+def test_an_extreme_figure_is_printed_briefly():
     lost_figure = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
     table = Validation((lost_figure, lost_figure._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table

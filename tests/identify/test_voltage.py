@@ -1,4 +1,4 @@
-"""The battery's voltage as an input: a run that holds it tells how much of it reaches the motors."""
+"""The battery voltage as an input: a run that contains it identifies its effect on the motors."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def emptied(small, effect, seed, start_v=7.8, end_v=6.8, with_battery=True):
 
 
 @pytest.mark.parametrize("effect", [1.0, 0.4])
-def test_how_much_of_the_voltage_reaches_the_motors_is_found(small, effect):
+def test_the_effect_of_the_battery_voltage_is_identified(small, effect):
     begin = override(small, [f"{EFFECT}=0.7"])
     for seed in (1, 2):
         fit = identify(emptied(small, effect, seed), begin, FREE)
@@ -45,7 +45,7 @@ def test_how_much_of_the_voltage_reaches_the_motors_is_found(small, effect):
         assert abs(fit.estimate[k] - effect) < 3.5 * fit.sd[k] < 0.05
 
 
-def test_a_voltage_that_stays_tells_nothing_of_its_effect(small):
+def test_a_constant_voltage_does_not_identify_its_effect(small):
     fit = identify(emptied(small, 1.0, 1, NOMINAL_V, NOMINAL_V), small, FREE)
     assert np.isnan(fit.estimate[fit.names.index(EFFECT)])
     assert any(
@@ -53,7 +53,7 @@ def test_a_voltage_that_stays_tells_nothing_of_its_effect(small):
     )
 
 
-def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):
+def test_a_fit_with_voltage_is_written_and_used_in_the_next_fit(small):
     """The file says battery = "logged"."""
     fit = identify(emptied(small, 0.4, 1), small, FREE)
     assert fit.vehicle_file.vehicle.drivetrain.battery == "logged"
@@ -61,12 +61,12 @@ def test_a_fit_with_the_voltage_is_written_so_that_it_is_used_again(small):
     assert second.verdict == "USABLE"
 
 
-def test_without_a_voltage_its_effect_is_not_looked_for(small):
+def test_a_fit_of_the_voltage_effect_needs_a_logged_voltage(small):
     with pytest.raises(UsageError, check=of_code("battery.no-voltage")):
         identify(emptied(small, 1.0, 1, with_battery=False), small, FREE)
 
 
-def test_a_voltage_that_is_not_that_of_the_file_is_refused(small):
+def test_a_voltage_that_contradicts_the_file_is_refused(small):
     run = emptied(small, 1.0, 1)
     wrong = run.sensors["battery"]._replace(z=np.full_like(run.sensors["battery"].z, 30.0))
     run = replace(run, sensors={**run.sensors, "battery": wrong})

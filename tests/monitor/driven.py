@@ -1,4 +1,4 @@
-"""Drives of the independent truth, with or without a fault of a sensor, and what their replay says of the sensors."""
+"""Drives of the independent truth, with or without a sensor fault, and the sensor findings of their replay."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Five faults of each kind of sensor, on drives of the independent truth: the number is named, and what is off.
+"""Five faults of each kind of sensor, on drives of the independent truth: the channel and the cause are named.
 
 A fault shows where the vehicle does what the sensor ought to show, so it is told at the latest TOLD_S after it began.
 The car's file tells no end of the gyro's range.
@@ -49,7 +49,7 @@ CASES = [  # kind of vehicle, number, fault, what it may look like
 
 
 @pytest.mark.parametrize(("kind", "name", "fault", "looks"), CASES)
-def test_a_sensor_that_is_off_is_named_and_never_the_model(kind, name, fault, looks):
+def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
     sensor, number = name[:-3], int(name[-2])
     limit = getattr(getattr(kind_of(kind).file.sensors, sensor), "limit", np.full(3, np.inf))[number]
     for run in drives(kind, DRIVES):
@@ -75,7 +75,7 @@ def test_a_sensor_that_is_off_is_named_and_never_the_model(kind, name, fault, lo
     [("robot", "imu[2]", "frozen"), ("robot", "imu[2]", "zeroes itself"), ("wheels", "wheels[0]", "frozen"),
      ("wheels", "wheels[1]", "slip"), ("car", "odometer[0]", "slip")],
 )  # fmt: skip
-def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagreement(kind, name, fault):
+def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, name, fault):
     """Wheels, gyro and model; without wheels a_y by ν_x ν_ψ. One of DRIVES may stay without a witness."""
     off = []
     for run in drives(kind, DRIVES):
@@ -86,8 +86,8 @@ def test_two_of_three_decide_that_it_is_the_sensor_within_two_seconds_of_disagre
 
 
 @pytest.mark.parametrize("kind", ["robot", "wheels"])
-def test_a_model_that_turns_half_as_hard_is_not_taken_for_a_gyro_that_is_off(kind):
-    """The vehicle of the independent truth turns as its sensors say; the file is wrong."""
+def test_a_wrong_turning_gain_is_not_reported_as_a_gyro_fault(kind):
+    """The vehicle of the independent truth turns as its sensors measure; the file is wrong."""
     findings, _ = watch(kind, drives(kind, 1)[0], wrong={"model.actuator_matrix[2,2]": 0.5})
     gyro = [finding for finding in findings if finding.name == "imu[2]"]
     assert gyro

@@ -1,4 +1,4 @@
-"""Thirty drives of the independent truth with sensors that are whole: nothing is said, under a model that is right."""
+"""Thirty drives of the independent truth with sound sensors and a right model: no fault is reported."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,14 @@ from tests.monitor.driven import drives, watch
 
 
 @pytest.mark.parametrize("kind", ["robot", "wheels", "car"])
-def test_nothing_is_reported_of_sensors_that_are_whole(kind):
+def test_sound_sensors_are_not_reported(kind):
     for run in drives(kind, 10):
         findings, sensors = watch(kind, run)
         assert [finding.diagnostic for finding in findings] == []
         assert sensors.degraded == ()
 
 
-def test_refusals_are_counted_by_number():
+def test_rejections_are_counted_for_each_channel():
     run = drives("robot", 1)[0]
     z = run.sensors["imu"].z.copy()
     z[200:1200:100, 2] += 8.0  # ten spikes of the gyro, alone

@@ -1,4 +1,4 @@
-"""A run as a moving picture: it moves without a script, stands still where it is asked to, and shows the run."""
+"""A run as an animation: it moves without a script, respects reduced motion, and shows the run."""
 
 import re
 import xml.etree.ElementTree as tree
@@ -37,7 +37,7 @@ def elements(svg, kind):
     return list(children)
 
 
-def test_the_picture_is_one_small_file_without_script_or_network(svg):
+def test_the_animation_is_one_small_file_without_script_or_network(svg):
     assert len(svg.encode()) < LARGEST
     assert not elements(svg, "script")
     assert not [
@@ -56,7 +56,7 @@ def test_every_motion_that_is_played_exists_and_begins_and_ends(svg):
         assert parts[-1] <= 100.0, name
 
 
-def test_it_stands_still_on_demand_and_suits_a_dark_page(svg):
+def test_the_animation_respects_reduced_motion_and_dark_mode(svg):
     assert "@media(prefers-reduced-motion:reduce){*{animation:none!important}}" in svg
     assert "@media(prefers-color-scheme:dark)" in svg
     hidden_elements = [element for element in elements(svg, "g") if element.get("class") == "gone"]
@@ -66,7 +66,7 @@ def test_it_stands_still_on_demand_and_suits_a_dark_page(svg):
     assert hidden_elements
 
 
-def test_the_vehicle_goes_where_it_was(run, svg):
+def test_the_animated_vehicle_follows_its_path(run, svg):
     keyframes = re.search(r"@keyframes v\{(.*?)\}\}", svg)
     assert keyframes is not None
     px = np.array(re.findall(r"translate\((-?[\d.]+)px,(-?[\d.]+)px\)", keyframes.group()), dtype=float)
@@ -78,7 +78,7 @@ def test_the_vehicle_goes_where_it_was(run, svg):
     assert (px < [450.0, 430.0]).all()
 
 
-def test_intervals_of_a_fit_narrow_beside_it(run):
+def test_intervals_of_a_fit_narrow_in_the_animation(run):
     stages = [Stage(10.0, Verdict.WARN, np.array([0.1, np.nan]), np.array([0.5, np.nan])),
               Stage(60.0, Verdict.USABLE, np.array([0.0, 0.01]), np.array([0.05, 0.02]))]  # fmt: skip
     drawing = animation(scene(run), stages, ["a < b", "c"])
@@ -91,7 +91,7 @@ def test_intervals_of_a_fit_narrow_beside_it(run):
     assert tree.fromstring(drawing) is not None
 
 
-def test_a_run_of_which_nobody_knows_the_way_is_refused(run):
+def test_a_run_without_truth_and_estimate_cannot_be_animated(run):
     from dataclasses import replace
 
     with pytest.raises(AnswerNo) as error_info:
@@ -102,14 +102,14 @@ def test_a_run_of_which_nobody_knows_the_way_is_refused(run):
     assert caught.value.diagnostic.code == "report.animation-ending"
 
 
-def test_a_run_without_truth_or_without_estimate_still_moves(run):
+def test_a_run_without_truth_or_without_estimate_is_animated(run):
     from dataclasses import replace
 
     assert "@keyframes v" in animation(scene(replace(run, truth=None)))
     assert "@keyframes v" in animation(scene(replace(run, estimate=None)))
 
 
-def test_the_report_writes_the_picture_beside_the_page(run, tmp_path, monkeypatch):
+def test_the_report_writes_the_animation_beside_the_page(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_run(run, tmp_path / "lap.mcap")
     done = CliRunner().invoke(baqueano, ["report", "lap.mcap", "--animation", "lap.svg"])

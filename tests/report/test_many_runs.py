@@ -1,4 +1,4 @@
-"""A fit to many runs is told together and drawn in part: the runs of which the model explains least."""
+"""A fit to many runs is summarised together and drawn in part: the runs that the model explains least."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from baqueano.vehicle_file import load
 
 @pytest.fixture(scope="module")
 def many():
-    """One fit to 3 s of a car, told as if it were of twelve runs of which each is explained a little less."""
+    """One fit to 3 s of a car, presented as twelve runs, each explained a little less."""
     file = load("car")
     u = np.stack([0.3 + 0.2 * np.sin(0.1 * np.arange(150)), 0.5 * np.cos(0.07 * np.arange(150))], axis=1)
     fit = identify(
@@ -43,7 +43,7 @@ def test_the_page_draws_the_runs_that_are_explained_least(many):
     assert any("Drawn are the 6 runs of 12" in s.text for s in page.sections)
 
 
-def test_the_figures_at_the_top_are_of_the_run_that_is_explained_least(many):
+def test_the_headlines_are_of_the_least_explained_run(many):
     page = page_of_fit(many)
     assert [h.label for h in page.headlines] == [
         "noise of odometer [m/s], run-11", "noise of ω_z [rad/s], run-11",
@@ -51,7 +51,7 @@ def test_the_figures_at_the_top_are_of_the_run_that_is_explained_least(many):
     assert any("The model explains least of run-11." in s.text for s in page.sections)
 
 
-def test_of_many_channels_four_stand_at_the_top_those_that_are_explained_least(many):
+def test_the_four_least_explained_channels_are_in_the_headlines(many):
     """IMU, wheels and a pose: eight."""
     first, explained = many.channels[0], (0.99, 0.4, 0.98, 0.97, 0.3, 0.96, 0.5, 0.6)
     names = [
@@ -74,7 +74,7 @@ def test_of_many_channels_four_stand_at_the_top_those_that_are_explained_least(m
     ]  # fmt: skip
 
 
-def test_a_table_has_noise_and_what_is_explained_of_every_run(many):
+def test_a_table_has_noise_and_explained_share_of_every_run(many):
     table = next(s for s in page_of_fit(many).sections if s.title == "Runs").parts[0]
     assert isinstance(table, Table)
     assert [row["run"] for row in table.rows] == list(many.runs)
@@ -94,7 +94,7 @@ def test_a_fit_to_one_run_has_no_table_of_runs(many):
     ]
 
 
-def test_data_and_model_are_drawn_where_most_moves_and_the_caption_says_when(many):
+def test_data_and_model_are_drawn_at_the_time_of_most_motion(many):
     """A run that rests for 40 s, moves for 20 s and rests again."""
     t_s = 0.02 * np.arange(4000)
     signal = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)

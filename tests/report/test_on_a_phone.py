@@ -29,7 +29,7 @@ def lines_of(svg):
     return set(re.findall(r">([^<>]+)</text>", svg))
 
 
-def test_a_figure_is_drawn_again_as_narrow_as_a_phone_with_the_same_words():
+def test_a_narrow_version_of_each_figure_has_the_same_texts():
     t = np.linspace(0.0, 10.0, 50)
     drawing = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
     wide, narrow = drawing.split("<svg")[1:]
@@ -39,7 +39,7 @@ def test_a_figure_is_drawn_again_as_narrow_as_a_phone_with_the_same_words():
     assert {"a [m]", "truth", "estimate", "time [s]"} <= lines_of(wide) & lines_of(narrow)
 
 
-def test_the_two_shapes_of_a_figure_share_no_id():
+def test_the_wide_and_narrow_figures_share_no_id():
     t = np.linspace(0.0, 10.0, 50)
     wide, narrow = (
         set(re.findall(r'id="([mp][0-9a-f]{8,})"', figure))
@@ -76,7 +76,7 @@ def test_the_report_of_two_estimators_draws_and_judges_both(drive):
     assert "at a limit" not in text
 
 
-def test_a_diverged_estimate_is_drawn_until_then(drive):
+def test_a_diverged_estimate_is_drawn_until_its_divergence(drive):
     log = drive.estimate
     eta = log.eta.copy()
     eta[500:, 0] = 1e16

@@ -1,4 +1,4 @@
-"""A report is one file that stands alone: nothing is fetched, every name is escaped, unknown is a dash."""
+"""A report is one self-contained file: it fetches nothing, every name is escaped, and an unknown value is a dash."""
 
 import re
 from dataclasses import replace
@@ -63,7 +63,7 @@ def test_ne8_a_page_fetches_nothing_and_runs_nothing():
     assert "baqueano report 0001-test" in text
 
 
-def test_refused_readings_are_counted_and_a_run_without_counts_has_no_such_section():
+def test_rejected_readings_have_a_table_only_if_counted():
     counts = Event(0, "info", REFUSED, "", counted([Refusals("imu[2]", 12, 400)]))
     run = replace(a_run(), events=(counts,))
     (table,) = parts_of(page_of_run(run))["Refused readings"]
@@ -83,7 +83,7 @@ def test_a_caption_is_escaped_in_the_label_of_its_drawing():
     assert 'aria-label="&lt;script&gt;' in drawing.svg
 
 
-def test_what_is_not_known_is_a_dash_and_never_nan():
+def test_an_unknown_value_is_printed_as_a_dash_and_never_nan():
     rows = [
         {"name": "a", "value": np.nan, "sd": None, "seen": True},
         {"name": "b", "value": 1.23456789, "sd": 0.5},
@@ -102,7 +102,7 @@ def test_every_verdict_has_a_page(verdict):
 
 
 @pytest.mark.parametrize("without", ["truth", "estimate", "reference", "requested"])
-def test_a_run_that_lacks_something_has_a_page_all_the_same(without):
+def test_an_incomplete_run_has_a_page(without):
     assert_stands_alone(page_of_run(replace(a_run(), **{without: None})).html())
 
 
@@ -134,7 +134,7 @@ def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
     )
 
 
-def test_without_a_vehicle_file_a_page_knows_no_limit():
+def test_without_a_vehicle_file_a_page_shows_no_limits():
     page = page_of_run(a_run())
     rows = parts_of(page)["Commands"][1].rows
     assert [row["command"] for row in rows] == ["u[0]", "u[1]", "u[2]"]
@@ -142,7 +142,7 @@ def test_without_a_vehicle_file_a_page_knows_no_limit():
     assert "at a limit" not in {headline.label for headline in page.headlines}
 
 
-def test_an_entry_that_a_vehicle_has_no_use_for_is_not_drawn():
+def test_an_unused_command_entry_is_not_drawn():
     run = a_run()
     applied = run.applied.copy()
     applied[:, 1] = 0.0
@@ -153,7 +153,7 @@ def test_an_entry_that_a_vehicle_has_no_use_for_is_not_drawn():
     ]
 
 
-def test_a_run_with_gaps_and_a_truth_that_was_lost_has_a_page():
+def test_a_run_with_gaps_and_missing_truth_has_a_page():
     run = a_run()
     assert run.truth is not None
     lost_truth = TruthLog(
@@ -173,7 +173,7 @@ def test_each_alignment_has_a_page(alignment):
     assert_stands_alone(page_of_run(a_run(), alignment).html())
 
 
-def test_a_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+def test_a_page_is_written_completely_or_not_at_all(tmp_path, monkeypatch):
     path = tmp_path / "a folder" / "página.html"
     page = Page("t", "s", "OK", [], [])
     assert page.save(path) == path
@@ -192,7 +192,7 @@ def test_the_same_run_gives_the_same_bytes():
     assert page_of_run(a_run()).html() == page_of_run(a_run()).html()
 
 
-def test_thinning_keeps_every_peak():
+def test_thinning_retains_every_peak():
     t = np.arange(100_000.0)
     y = np.sin(t / 500)
     y[51_234], y[77] = 9.0, -9.0
@@ -204,7 +204,7 @@ def test_thinning_keeps_every_peak():
     assert np.isnan(few[(few_t > 1100) & (few_t < 2900)]).all()
 
 
-def test_most_motion_is_where_channels_change_not_where_they_are_large_or_spike():
+def test_most_motion_is_at_changes_and_not_at_offsets_or_spikes():
     t_s = 0.01 * np.arange(10_000)
     y = 0.01 * np.random.default_rng(0).normal(size=(10_000, 2))
     y[:, 0] += 5.0 + 1e-4 * np.arange(10_000)  # large, and hardly changing
@@ -215,31 +215,31 @@ def test_most_motion_is_where_channels_change_not_where_they_are_large_or_spike(
     assert (t_s[part][0], t_s[part][-1]) == pytest.approx((60.0, 70.0))
 
 
-def test_channels_without_a_number_are_shown_whole():
+def test_channels_of_nan_are_shown_completely():
     part = figures.most_motion(0.01 * np.arange(5000), np.full((5000, 2), np.nan), 10.0)
     assert (part.start, part.stop) == (0, 5000)
 
 
-def test_a_run_that_is_not_longer_than_the_figure_is_shown_whole():
+def test_a_run_shorter_than_the_figure_is_shown_completely():
     t_s = 3.0 + 0.1 * np.arange(101)
     part = figures.most_motion(t_s, np.sin(t_s)[:, None], 10.0)
     assert (part.start, part.stop) == (0, 101)
 
 
-def test_an_ellipse_holds_95_percent():
+def test_an_ellipse_covers_95_percent():
     cov = np.array([[4.0, 1.0], [1.0, 2.0]])
     curve = figures.ellipse(np.array([1.0, -1.0]), cov) - [1.0, -1.0]
     assert np.einsum("ki,ij,kj->k", curve, np.linalg.inv(cov), curve) == pytest.approx(5.991)
 
 
-def test_residuals_of_a_channel_that_is_all_nan_or_constant_are_drawn():
+def test_residuals_of_a_nan_or_constant_channel_are_drawn():
     residual = np.random.default_rng(0).normal(size=(200, 3))
     residual[:, 1] = np.nan
     residual[:, 2] = 0.0
     assert "<svg" in draw(figures.residuals(residual, ["a", "b", "c"]), "r").svg
 
 
-def test_estimates_at_a_truth_of_zero_are_left_out_of_a_figure_in_per_cent():
+def test_estimates_with_zero_truth_are_left_out_of_percent_figures():
     drawing = draw(
         figures.estimates(["a", "b"], np.array([1.0, 1.0]), np.array([0.1, 0.1]), np.array([2.0, 0.0])), "e"
     )
@@ -247,7 +247,7 @@ def test_estimates_at_a_truth_of_zero_are_left_out_of_a_figure_in_per_cent():
     assert ">b<" not in drawing.svg
 
 
-def test_a_fit_has_a_page_that_stands_alone():
+def test_a_fit_has_a_self_contained_page():
     from baqueano.identify import excitation, identify
     from baqueano.simulate import simulate
 
@@ -260,8 +260,8 @@ def test_a_fit_has_a_page_that_stands_alone():
     assert_stands_alone(page_of_fit(fit, np.array([3.38, 0.0])).html())
 
 
-def test_the_page_says_whether_the_filter_knows_its_errors():
-    """The estimate is off by 1 cm, 0.01 rad, 1 cm/s and 0.01 rad/s, as its covariance says; then by twice as much."""
+def test_the_page_reports_the_consistency_of_the_filter():
+    """The error is 1 cm, 0.01 rad, 1 cm/s and 0.01 rad/s, as in its covariance; then twice as much."""
     run, title = a_run(), "Consistency of the filter"
     nu = run.estimate.nu + 0.01 * np.random.default_rng(1).normal(size=(400, 3))
     run = replace(run, estimate=run.estimate._replace(nu=nu))

@@ -1,4 +1,4 @@
-"""What a result offers: a short print, a card, a figure that can be styled, a data frame."""
+"""The outputs of a result: a short print, a card, a figure with a custom style, a data frame."""
 
 import re
 import sys
@@ -81,7 +81,7 @@ CARDS = (*NAMES, "lesson", "route", "import", "vehicle")
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_result_prints_in_few_lines_and_keeps_its_table(results, name):
+def test_a_result_prints_in_few_lines_and_has_a_full_table(results, name):
     result = results[name]
     assert isinstance(result, Result)
     assert len(str(result).splitlines()) <= LINES
@@ -90,7 +90,7 @@ def test_a_result_prints_in_few_lines_and_keeps_its_table(results, name):
 
 
 @pytest.mark.parametrize("name", CARDS)
-def test_a_result_is_a_card_without_a_script(results, name):
+def test_a_result_is_an_html_card_without_a_script(results, name):
     card = results[name]._repr_html_()
     assert card.startswith('<div class="baqueano">')
     assert "<script" not in card
@@ -109,16 +109,16 @@ def test_a_result_is_drawn_at_the_width_of_a_column(results, name, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["path", "errors", "speed", "commands", "sensors"])
-def test_each_drawing_of_a_run(results, kind):
+def test_each_plot_of_a_run_is_drawn(results, kind):
     assert results["run"].plot(kind, width=120).get_figwidth() == pytest.approx(120 * MM)
 
 
 @pytest.mark.parametrize("kind", ["estimates", "data", "residuals", "correlation"])
-def test_each_drawing_of_a_fit(results, kind):
+def test_each_plot_of_a_fit_is_drawn(results, kind):
     assert results["fit"].plot(kind, width="page").axes
 
 
-def test_a_drawing_goes_onto_the_axes_or_the_figure_of_the_user_and_leaves_their_style(results):
+def test_a_plot_uses_axes_or_figure_of_the_user(results):
     from matplotlib import rcParams
 
     before = dict(rcParams)
@@ -139,20 +139,20 @@ def test_a_drawing_goes_onto_the_axes_or_the_figure_of_the_user_and_leaves_their
         ({"width": 3}, "front.width-mm"), ({"kind": "errors", "ax": Figure().subplots()}, "front.several-panels"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_drawn_so_says_so(results, options, code):
+def test_an_impossible_plot_is_refused(results, options, code):
     with pytest.raises(UsageError) as error_info:
         results["run"].plot(**options)
     assert error_info.value.diagnostic.code == code
 
 
-def test_what_holds_nothing_to_draw_says_so(results):
+def test_a_result_without_a_plot_is_refused(results):
     with pytest.raises(UsageError) as error_info:
         results["check"].plot()
     assert error_info.value.diagnostic.code == "front.nothing-to-draw"
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_result_becomes_a_data_frame(results, name):
+def test_a_result_is_converted_to_a_data_frame(results, name):
     frame = results[name].to_pandas()
     assert len(frame) == (len(results["run"].t_ns) if name == "run" else len(results[name].rows()))
 
@@ -164,7 +164,7 @@ def test_the_data_frame_of_a_run_has_a_row_per_tick(results):
     np.testing.assert_allclose(frame["imu_2"].dropna(), run.sensors["imu"].z[:, 2])
 
 
-def test_without_pandas_it_says_what_to_type(results, monkeypatch):
+def test_a_missing_pandas_is_reported_with_the_install_command(results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(UsageError) as error_info:
         results["run"].to_pandas()
@@ -172,7 +172,7 @@ def test_without_pandas_it_says_what_to_type(results, monkeypatch):
     assert error_info.value.diagnostic.fix == "pip install pandas"
 
 
-def test_the_figures_of_a_report_become_files(results, tmp_path):
+def test_the_figures_of_a_report_are_written_to_files(results, tmp_path):
     page = bq.report(results["run"], tmp_path / "run.html")
     assert (tmp_path / "run.html").is_file()
     files = page.save_figures(tmp_path / "figures", "pdf", "column")
@@ -185,7 +185,7 @@ def test_the_figures_of_a_report_become_files(results, tmp_path):
     assert error_info.value.diagnostic.code == "front.format-unknown"
 
 
-def test_a_report_of_another_result_says_of_what_there_is_one(results):
+def test_a_report_of_an_unsupported_result_is_refused(results):
     with pytest.raises(UsageError) as error_info:
         bq.report(results["many"])
     assert error_info.value.diagnostic.code == "front.no-page"
@@ -204,7 +204,7 @@ def test_the_residuals_of_a_fit_are_drawn_over_time(results):
     assert html.count("autocorrelation") >= 1
 
 
-def test_messages_on_a_page_are_ordered_by_weight(results):
+def test_messages_on_a_page_are_ordered_by_severity(results):
     notes = (note("fit.duty-step", steps=255), note("fit.most-weak", Severity.WARNING, asked=9, weak=5))
     section = sections_of_fit(replace(results["fit"], notes=notes), reasons=False)[0]
     assert section.text.index("poorly identified. The runs") < section.text.index("duty_step was added")

@@ -42,7 +42,7 @@ def test_csv_is_read_back_as_it_was():
     assert back[3]["sd"] == ""
 
 
-def test_latex_holds_the_papers_letters_and_honest_digits():
+def test_latex_uses_the_symbols_of_the_paper_and_significant_digits():
     text = latex_text(ROWS, "Fit of 50 % & more", KNOWN["planar"])
     assert r"$d_{l,x}$ & $7.0012$ & $0.0098$ & N s/m \\" in text
     assert r"$T_{33}$ & $29.9900$ & $0.0042$" in text
@@ -73,7 +73,7 @@ def test_latex_holds_the_papers_letters_and_honest_digits():
         ("model.a_block_of_mine", r"\texttt{model.a\_block\_of\_mine}"),
     ],
 )
-def test_parameters_have_fossens_letters(path, letter):
+def test_parameters_have_the_symbols_of_fossen(path, letter):
     kind = (
         "car"
         if path.endswith("_gain") or path.endswith("_m_s2")
@@ -92,11 +92,11 @@ def test_parameters_have_fossens_letters(path, letter):
         (3.2e-9, 1e-10, (r"$3.2 \cdot 10^{-9}$", r"$1 \cdot 10^{-10}$")),
     ],
 )
-def test_digits_follow_the_error(value, sd, cells):
+def test_the_number_of_digits_follows_the_error(value, sd, cells):
     assert with_error(value, sd) == cells
 
 
-def test_a_file_is_written_as_its_name_ends(tmp_path):
+def test_the_file_format_follows_the_file_extension(tmp_path):
     assert save_table(ROWS, tmp_path / "t.csv").read_text(encoding="utf-8").startswith("name,estimate")
     assert r"\toprule" in save_table(ROWS, tmp_path / "deep" / "t.tex").read_text(encoding="utf-8")
     with refused("report.table-ending", UsageError):
@@ -104,7 +104,7 @@ def test_a_file_is_written_as_its_name_ends(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KNOWN)
-def test_all_that_a_drivetrain_may_be_fitted_in_has_a_letter(kind):
+def test_each_fitted_drivetrain_parameter_has_a_symbol(kind):
     drivetrain = KNOWN[kind].model.drivetrain
     paths = [path for path, _ in all_parameters(drivetrain, "model.drivetrain")]
     raw = {path for path in paths if "texttt" in symbol(path, KNOWN[kind])}
@@ -112,7 +112,7 @@ def test_all_that_a_drivetrain_may_be_fitted_in_has_a_letter(kind):
 
 
 @pytest.mark.parametrize("kind", KNOWN)
-def test_all_that_is_fitted_unasked_has_a_letter_of_its_own(kind):
+def test_each_parameter_free_by_default_has_its_own_symbol(kind):
     by_path = all_parameters(KNOWN[kind].model, "model")
     paths = [path for path, p in by_path if p.role in ("fitted", "gain", "offset", "term")]
     letters = [symbol(path, KNOWN[kind]) for path in paths]

@@ -1,4 +1,4 @@
-"""A folder that stands for a Raspberry Pi, a bundle of wheels for it, and programs in the place of its own."""
+"""A folder that replaces a Raspberry Pi, a bundle of wheels for it, and programs that replace its own."""
 
 import ensurepip
 import hashlib

@@ -60,7 +60,7 @@ def ends_by_net(bridge):
 
 
 @EITHER
-def test_the_drawing_is_the_one_the_script_gives(bridge):
+def test_the_wiring_drawing_is_current(bridge):
     """To renew it: python docs/wiring.py, and look at both."""
     assert (ROOT / "docs" / bridge.file).read_text(encoding="utf-8") == WIRING.drawing(
         WIRING.pins(BOARD_H), bridge
@@ -68,7 +68,7 @@ def test_the_drawing_is_the_one_the_script_gives(bridge):
 
 
 @EITHER
-def test_the_motors_hang_on_the_pins_that_the_firmware_moves(bridge):
+def test_the_motors_are_wired_to_the_firmware_pins(bridge):
     ends = ends_by_net(bridge)
     assert [ends[of("pwm", k)] for k in (0, 1)] == [f"bridge {name}" for name in bridge.pwm]
     inputs = [of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2)]
@@ -77,14 +77,14 @@ def test_the_motors_hang_on_the_pins_that_the_firmware_moves(bridge):
 
 
 @EITHER
-def test_encoders_and_mark_hang_on_the_pins_that_the_firmware_reads(bridge):
+def test_encoders_and_mark_sensor_are_wired_to_the_firmware_pins(bridge):
     ends = ends_by_net(bridge)
     order = re.search(r"A left, A right, B left, B right from (.*)\.", BOARD_C)[1].split(", ")
     assert [ends[pin] for pin in order] == [f"encoder, {s} {c}" for c in "AB" for s in ("left", "right")]
     assert ends[of("mark")] == "lap mark sensor OUT"
 
 
-def test_the_table_of_the_header_is_what_the_program_does():
+def test_the_pin_table_of_the_header_matches_the_firmware_code():
     pins = WIRING.pins(BOARD_H)
     assert pins.pwm == (of("pwm"), of("pwm", 1))
     assert pins.direction == tuple(of(f"direction {way}", channel) for channel in (0, 1) for way in (1, 2))
@@ -94,7 +94,7 @@ def test_the_table_of_the_header_is_what_the_program_does():
 
 
 @EITHER
-def test_fw3_every_pin_that_lets_a_motor_run_is_held_low_while_the_uno_starts(bridge):
+def test_fw3_pull_down_resistors_set_all_motor_pins_low_at_start(bridge):
     low_pins = {a for _, a, b, _ in drawing_of(bridge) if b.startswith("10k of")}
     assert low_pins == {
         f"Uno {pin}"
@@ -116,7 +116,7 @@ def stretches(bridge):
 
 
 @EITHER
-def test_no_wire_lies_on_another(bridge):
+def test_no_wire_overlaps_another_wire(bridge):
     """Crossing at right angles is allowed, running along one another is not."""
     parts = list(stretches(bridge))
     for number, x0, y0, x1, y1 in parts:
@@ -142,7 +142,7 @@ def test_no_wire_runs_under_a_part(bridge):
 
 
 @EITHER
-def test_names_of_wires_cover_no_other_name(bridge):
+def test_wire_labels_do_not_overlap(bridge):
     tree = ElementTree.parse(ROOT / "docs" / bridge.file)
     boxes = []
     for group in tree.iter("{http://www.w3.org/2000/svg}g"):

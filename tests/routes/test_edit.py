@@ -23,7 +23,7 @@ def drives_itself(route, atol=2e-3):
     np.testing.assert_allclose(np.diff(route.eta, axis=0)[:, :2], step[:, :2], atol=atol * 0.01)
 
 
-def test_cut_parts_join_to_the_whole():
+def test_joining_the_parts_of_a_cut_gives_the_whole_route():
     whole = ROUTES["slalom"]
     parts = cut(whole, 0.0, 1.0), cut(whole, way(whole.eta[:, :2])[len(cut(whole, 0.0, 1.0).t_s) - 1])
     whole_again = join(*parts)
@@ -32,7 +32,7 @@ def test_cut_parts_join_to_the_whole():
     np.testing.assert_array_equal(whole_again.nu, whole.nu)
 
 
-def test_a_joined_route_that_comes_back_is_closed():
+def test_a_joined_route_that_returns_is_closed():
     quarter = cut(circle(0.5, 0.2), 0.0, 0.7854)
     half = join(quarter, quarter)
     assert not half.closed
@@ -41,7 +41,7 @@ def test_a_joined_route_that_comes_back_is_closed():
 
 @pytest.mark.parametrize("name", ROUTES)
 @pytest.mark.parametrize("backing", [False, True])
-def test_a_route_turned_round_passes_the_same_places_and_drives_itself(name, backing):
+def test_a_reversed_route_passes_the_same_points(name, backing):
     route = moved(ROUTES[name], np.array([1.0, -2.0, 0.7]))
     reversed_route = reverse(route, backing)
     np.testing.assert_allclose(reversed_route.eta[::-1, :2], route.eta[:, :2])
@@ -52,14 +52,14 @@ def test_a_route_turned_round_passes_the_same_places_and_drives_itself(name, bac
     np.testing.assert_allclose(reverse(reversed_route, backing).nu, route.nu)
 
 
-def test_a_larger_route_keeps_its_speed_and_its_shape():
+def test_a_scaled_route_has_the_same_speed_and_shape():
     route = scale(ROUTES["eight"], 2.5)
     assert way(route.eta[:, :2])[-1] == pytest.approx(2.5 * way(ROUTES["eight"].eta[:, :2])[-1])
     np.testing.assert_array_equal(route.nu[:, 0], ROUTES["eight"].nu[:, 0])
     drives_itself(route)
 
 
-def test_points_become_a_route_near_them_that_drives_itself():
+def test_points_give_a_consistent_route_near_the_points():
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     for is_closed in (False, True):
         route = through_points(corners, 0.2, is_closed)
@@ -71,7 +71,7 @@ def test_points_become_a_route_near_them_that_drives_itself():
     np.testing.assert_allclose(route.eta[-1, :2], route.eta[0, :2], atol=1e-9)
 
 
-def test_a_steady_speed_leaves_stops_out():
+def test_a_constant_speed_removes_stops():
     route = line(1.0, 0.2)
     stop = Route(
         np.concatenate([route.t_s[:50], route.t_s[49] + 3.0 + route.t_s[: len(route.t_s) - 49]]),
@@ -82,7 +82,7 @@ def test_a_steady_speed_leaves_stops_out():
     assert at_speed(stop, 0.5).t_s[-1] == pytest.approx(2.0, rel=1e-3)
 
 
-def test_what_makes_no_route_is_refused():
+def test_an_impossible_route_edit_is_refused():
     route = circle(0.5, 0.2)
     backward = route._replace(nu=np.where(np.arange(1441)[:, None] < 700, route.nu, -route.nu))
     for code, make_route in {

@@ -1,4 +1,4 @@
-"""Places of a route whose path nobody knows are refused; drawn and edited routes do not have such places."""
+"""Parts of a route with an unknown path are refused; drawn and edited routes do not have such parts."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def codes(route):
     return [finding.code for finding in examine(route).findings]
 
 
-def test_missing_samples_of_a_line_are_a_gap_where_they_are():
+def test_missing_samples_on_a_line_are_a_gap_at_their_place():
     (gap,) = examine(without(line(2.0, 0.2), 50, 100)).findings
     assert gap.code == "route.gap"
     figures = {"at_m": 0.49, "gap_m": 0.51, "gap_s": 2.55, "count": 1}
@@ -32,7 +32,7 @@ def test_a_chord_across_a_circle_is_a_gap():
     assert gap.figures["gap_m"] == pytest.approx(1.0, abs=0.01)
 
 
-def test_poses_too_sparse_for_their_turn_are_a_gap_and_enough_of_them_are_not():
+def test_only_poses_too_sparse_for_their_turn_are_a_gap():
     lap = circle(0.5, 0.2)
     for every, expected in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
         assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == expected

@@ -1,4 +1,4 @@
-"""The fastest speed along a path: equal to what can be computed by hand, and held by the simulated vehicle."""
+"""The fastest speed along a path: equal to hand calculations, and reached by the simulated vehicle."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def ice():
     return Block(Planar(1.0, 0.01, np.diag([1.0, 0.0, 0.02])), np.array([1.0, 0.0, 1.0]))
 
 
-def test_a_mass_on_ice_speeds_up_and_brakes_evenly(ice):
+def test_a_mass_without_friction_has_constant_acceleration_and_braking(ice):
     """L = a T² / 4 for one that speeds up over the first half and brakes over the second."""
     for share in (0.5, 1.0):
         route = fastest(line(2.0, 0.1), ice, share=share)
@@ -37,13 +37,13 @@ def test_a_mass_on_ice_speeds_up_and_brakes_evenly(ice):
         assert np.max(route.nu[:, 0]) == pytest.approx(np.sqrt(2.0 * share), rel=0.02)
 
 
-def test_a_curve_is_as_fast_as_tyres_hold(ice):
+def test_the_speed_in_a_curve_is_limited_by_the_tyres(ice):
     """v² / R = a_y on a circle, where nothing else holds it back."""
     route = fastest(circle(0.5, 0.1), ice, sideways_m_s2=0.32)
     np.testing.assert_allclose(route.nu[:, 0], 0.4, rtol=0.01)
 
 
-def test_a_lap_closes_in_speed_and_time(ice):
+def test_a_fastest_lap_is_closed_in_speed_and_time(ice):
     route = fastest(rectangle(1.2, 0.8, 0.2, 0.2), load("small"))
     assert route.closed
     assert route.nu[0, 0] == pytest.approx(route.nu[-1, 0], rel=0.05)
@@ -51,7 +51,7 @@ def test_a_lap_closes_in_speed_and_time(ice):
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_the_share_is_what_the_simulated_vehicle_needs(name):
+def test_the_computed_command_share_maintains_the_speed_in_simulation(name):
     """Under the command that the share stands for, the vehicle holds the speed in its own step."""
     file = load(name)
     can = Capability(file)
@@ -67,7 +67,7 @@ def test_the_share_is_what_the_simulated_vehicle_needs(name):
 @pytest.mark.parametrize(
     "lap", [rectangle(1.6, 1.0, 0.3, 0.2), sinuous_circle(0.6, 0.08, 5, 0.2)], ids=["rectangle", "sinuous"]
 )
-def test_the_fastest_lap_is_driven_without_the_limit_and_a_faster_one_is_not(lap):
+def test_the_fastest_lap_does_not_saturate_and_a_faster_lap_does(lap):
     """The recommended controller in a simulation: on 0.8 of the command no wheel is at its limit, a third faster most
     of the ticks are."""
     file = load("small")
@@ -85,7 +85,7 @@ def test_the_fastest_lap_is_driven_without_the_limit_and_a_faster_one_is_not(lap
     assert shares[1] > 0.4
 
 
-def test_examine_names_the_place_and_what_the_vehicle_has():
+def test_examine_reports_place_and_available_yaw_rate():
     small = load("small")
     tight = at_speed(clothoid(1.0, np.pi, 0.2), 0.45)
     report = examine(tight, small)
@@ -97,7 +97,7 @@ def test_examine_names_the_place_and_what_the_vehicle_has():
     assert examine(circle(0.3, 2.0), small).findings[0].code == "route.speed-too-high"
 
 
-def test_a_jump_is_found_where_it_is():
+def test_a_jump_is_reported_with_its_place():
     route = circle(0.5, 0.2)
     eta = route.eta.copy()
     eta[700:, 0] += 0.4
@@ -107,7 +107,7 @@ def test_a_jump_is_found_where_it_is():
     assert finding.figures["at_s"] == pytest.approx(route.t_s[699], abs=0.02)
 
 
-def test_walls_are_those_of_the_room():
+def test_the_route_is_checked_against_the_walls_of_the_room():
     from baqueano.identify.design.room import room_of
 
     small = load("small")

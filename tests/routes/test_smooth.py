@@ -57,7 +57,7 @@ def test_a_jerky_drive_is_smooth_within_two_centimetres(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_driver_who_turns_nearly_on_the_spot_becomes_drivable(seed):
+def test_a_route_with_nearly_turning_in_place_becomes_feasible(seed):
     """Raw curvatures of 28 to 43 1/m, as three simulated drivers with keys had: 2 cm rms, 5 cm at most, 8 1/m."""
     taught_route = by_keys(seed, turn=3.0, slow=0.09)
     moves = np.abs(taught_route.nu[:, 0]) > 0.05
@@ -70,7 +70,7 @@ def test_a_driver_who_turns_nearly_on_the_spot_becomes_drivable(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_point_lies_further_off_than_the_largest_distance(seed):
+def test_no_smoothed_point_exceeds_the_largest_distance(seed):
     taught_route = by_keys(seed)
     assert np.max(off_path(smooth(taught_route, 0.005, "max"), taught_route.eta[::5, :2])) <= 0.0051
 
@@ -78,7 +78,7 @@ def test_no_point_lies_further_off_than_the_largest_distance(seed):
 @pytest.mark.parametrize(
     "drawn_route", [circle(0.5, 0.2), slalom(6.0, 0.3, 2, 0.2)], ids=["circle", "slalom"]
 )
-def test_a_smooth_path_stays(drawn_route):
+def test_a_smooth_path_is_unchanged(drawn_route):
     route = smooth(drawn_route, 0.02)
     middle = off_path(route, drawn_route.eta[200:-200:20, :2])
     assert np.max(middle) < 1e-3
@@ -86,12 +86,12 @@ def test_a_smooth_path_stays(drawn_route):
     assert route.closed == drawn_route.closed
 
 
-def test_a_drive_that_comes_back_is_closed():
+def test_a_drive_that_returns_becomes_a_closed_route():
     drawn_route = eight(0.6, 0.2)
     assert smooth(drawn_route._replace(closed=False)).closed
 
 
-def test_the_velocity_is_that_of_the_poses():
+def test_the_velocity_is_the_derivative_of_the_poses():
     route = smooth(by_keys(0))
     dt = np.diff(route.t_s)
     np.testing.assert_allclose(

@@ -14,7 +14,7 @@ def no_links(*paths, **options):
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_a_file_is_there_once_it_is_whole(tmp_path, monkeypatch, links):
+def test_a_file_appears_only_after_it_is_complete(tmp_path, monkeypatch, links):
     if not links:
         monkeypatch.setattr(os, "link", no_links)
     with appearing(tmp_path / "a") as file:
@@ -25,7 +25,7 @@ def test_a_file_is_there_once_it_is_whole(tmp_path, monkeypatch, links):
 
 @pytest.mark.parametrize("links", [True, False])
 @pytest.mark.parametrize("meanwhile", [True, False])
-def test_one_that_is_there_stays_also_where_it_came_meanwhile(tmp_path, monkeypatch, links, meanwhile):
+def test_an_existing_file_is_not_replaced(tmp_path, monkeypatch, links, meanwhile):
     if not links:
         monkeypatch.setattr(os, "link", no_links)
     if not meanwhile:
@@ -41,7 +41,7 @@ def test_one_that_is_there_stays_also_where_it_came_meanwhile(tmp_path, monkeypa
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a", b"mine")]
 
 
-def test_lg10_one_that_was_not_written_to_its_end_leaves_nothing(tmp_path):
+def test_lg10_an_incomplete_file_is_removed(tmp_path):
     def write():
         with appearing(tmp_path / "a") as file:
             file.write(b"half")

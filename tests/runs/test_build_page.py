@@ -1,4 +1,5 @@
-"""docs/build.md: its keys fit a vehicle file, its map joins a run with a camera, its quotations are said."""
+"""docs/build.md: its keys fit a vehicle file, its map joins a run with a camera, and its quotations exist in the
+source."""
 
 import csv
 import re
@@ -43,7 +44,7 @@ def with_keys(lines):
     return tomlkit.dumps(text)
 
 
-def test_encoders_and_mark_are_written_as_the_page_says(tmp_path):
+def test_the_keys_of_the_build_page_configure_encoders_and_mark(tmp_path):
     path = tmp_path / "vehicle.toml"
     path.write_text(with_keys(TABLES[0]), encoding="utf-8")
     assert load(path).robot.counts_per_turn == 40
@@ -53,7 +54,7 @@ def test_encoders_and_mark_are_written_as_the_page_says(tmp_path):
     assert file.estimator().use == ("imu", "mark")
 
 
-def test_a_camera_judges_a_run_by_the_map_of_the_page(tmp_path, monkeypatch):
+def test_the_map_of_the_build_page_adds_camera_truth_to_a_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_line("baqueano experiment --vehicle small --seconds 6 --seed 4")
     run_line(LINES[0])
@@ -73,7 +74,7 @@ def test_a_camera_judges_a_run_by_the_map_of_the_page(tmp_path, monkeypatch):
     np.testing.assert_allclose(judged_run.truth.eta, driven_run.truth.eta[::4], atol=1e-9)
 
 
-def test_what_the_page_quotes_the_program_says():
+def test_messages_quoted_on_the_build_page_exist_in_the_source():
     section = PAGE.split("## When it does not work")[1].split("\n## ")[0]
     source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
     quotations = re.findall(r'"([^"\n]{8,})"', section)

@@ -90,9 +90,7 @@ def chunked_file(tmp_path_factory):
 
 @pytest.mark.parametrize("place", ["end", "middle", "alone"])
 @pytest.mark.parametrize("fill", FILLED)
-def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(
-    chunked_file, monkeypatch, fill, place
-):
+def test_the_time_of_reading_is_proportional_to_the_damage(chunked_file, monkeypatch, fill, place):
     data, chunks = chunked_file
     cut = chunks[len(chunks) // 2][1]
     records, summed, crc32 = [], [], zlib.crc32
@@ -119,7 +117,7 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(
     size=st.integers(1, 5000),
     fill=st.sampled_from(["zeros", "ones", "random", "put between", "taken out"]),
 )
-def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked_file, at, size, fill):
+def test_damage_loses_only_the_damaged_chunks(chunked_file, at, size, fill):
     data, chunks = chunked_file
     at = chunks[0][1] + int(at * (len(data) - chunks[0][1]))  # the first chunk names the topics
     if fill == "put between":
@@ -140,7 +138,7 @@ def test_damage_anywhere_costs_no_chunk_that_it_does_not_touch(chunked_file, at,
     assert times <= set(whole.messages[key].t_ns)
 
 
-def test_a_tail_of_zeros_is_one_place_and_recover_saves_the_rest(chunked_file, tmp_path):
+def test_a_tail_of_zeros_is_one_damage_and_the_rest_is_recovered(chunked_file, tmp_path):
     data, chunks = chunked_file
     path = tmp_path / "0001-cut.mcap"
     path.write_bytes(data[: chunks[-1][1]] + bytes(300_000))
@@ -244,7 +242,7 @@ def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, mo
     assert recover(path, tmp_path / "again.mcap").run == run
 
 
-def test_a_file_beyond_the_largest_is_not_read_at_all(tmp_path):
+def test_a_file_larger_than_the_limit_is_not_read(tmp_path):
     path = tmp_path / "large.mcap"
     with path.open("wb") as stream:
         stream.truncate(2**30)
@@ -253,7 +251,7 @@ def test_a_file_beyond_the_largest_is_not_read_at_all(tmp_path):
 
 
 @pytest.mark.parametrize("size", ["", "x", "-1", "+3", "1" * 5000, "99999"])
-def test_a_channel_with_a_size_of_nonsense_is_named(tmp_path, size):
+def test_a_channel_with_an_invalid_size_is_named(tmp_path, size):
     def fill(writer, channel):
         commands(3, 1)(writer, channel)
         channel("/estimate", size)

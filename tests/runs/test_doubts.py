@@ -1,4 +1,4 @@
-"""What contradicts a map is refused with the line to write; what is odd is told, and goes with the run."""
+"""Data that contradict a map are refused with a remedy; unusual data give a warning that the run stores."""
 
 import numpy as np
 import pytest
@@ -51,17 +51,17 @@ def swap_columns(table, a, b):
         (camera("yaw", DEG), r"\[truth\] eta\[2\]: .*perhaps unit = \"deg\"|perhaps unit = \"deg\""),
     ],
 )  # fmt: skip
-def test_what_contradicts_the_map_is_refused_with_the_line_to_write(lab, damage, message):
+def test_data_that_contradict_the_map_are_refused_with_a_remedy(lab, damage, message):
     damage(lab)
     assert "accept = [" in lab.refused(message)
 
 
-def test_positions_in_millimetres_are_refused(lab):
+def test_positions_in_millimetres_given_as_metres_are_refused(lab):
     lab.camera["x"], lab.camera["y"] = 1e3 * lab.camera["x"], 1e3 * lab.camera["y"]
     lab.refused(r"positions change by .* m/s; perhaps unit = \"mm\"")
 
 
-def test_a_camera_that_is_turned_against_the_heading_is_refused(lab):
+def test_a_camera_rotated_against_the_heading_is_refused(lab):
     lab.camera["yaw"] = lab.camera["yaw"] - np.pi / 2
     lab.refused(
         r"differs from the heading by -?90° \(or \d+°\); write offset = -?1.57\d for the yaw, or -?1.57"
@@ -71,7 +71,7 @@ def test_a_camera_that_is_turned_against_the_heading_is_refused(lab):
     ]
 
 
-def test_what_the_author_has_looked_into_is_accepted_and_reported(lab):
+def test_an_accepted_contradiction_is_imported_with_a_warning(lab):
     lab.board["wz"] = -lab.board["wz"]
     message = lab.refused("If the map is right, write at its top: accept = ")
     lab.map = 'accept = ["inverted"]\n' + lab.map
@@ -82,7 +82,7 @@ def test_what_the_author_has_looked_into_is_accepted_and_reported(lab):
     assert doubt.text.endswith("(accepted by the map)")
 
 
-def test_time_that_steps_back_is_refused_or_left_out(lab):
+def test_rows_with_decreasing_time_are_refused_or_left_out(lab):
     for column in lab.board.values():
         column[600:] = column[580:-20].copy()
     lab.refused(r"time steps back by 0.380 s at line 602 \(1 such steps\).*backwards = \"drop\"")
@@ -92,7 +92,7 @@ def test_time_that_steps_back_is_refused_or_left_out(lab):
     assert (np.diff(run.t_ns) > 0).all()
 
 
-def test_plain_repeats_are_left_out_and_reported_but_different_ones_are_refused(lab):
+def test_identical_repeated_rows_are_left_out_and_different_repeats_are_refused(lab):
     for name, column in lab.board.items():
         lab.board[name] = np.repeat(column, np.where(np.arange(1500) % 500 == 7, 2, 1))
     run, doubts = lab.run()
@@ -108,7 +108,7 @@ def test_plain_repeats_are_left_out_and_reported_but_different_ones_are_refused(
     assert imu_by_choice["last"] - imu_by_choice["first"] == pytest.approx(1.0)
 
 
-def test_gaps_are_reported_where_they_are(lab):
+def test_gaps_are_reported_with_their_line_and_duration(lab):
     keep = np.ones(1500, dtype=bool)
     keep[100:105] = keep[700] = False
     lab.board = {name: column[keep] for name, column in lab.board.items()}
@@ -129,14 +129,14 @@ def test_many_gaps_are_counted(lab):
     assert gaps[-1] == "board.csv: and 55 more gaps"
 
 
-def test_a_clock_that_was_set_is_refused(lab):
+def test_a_clock_jump_in_a_recording_is_refused(lab):
     for columns in (lab.board, lab.camera):
         columns["t"][800:] += 86_400.0
     lab.refused(r"86400.020 s without a row after line 801")
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
-def test_a_wrong_unit_of_time_is_refused_with_the_right_one(lab, factor, unit):
+def test_a_wrong_unit_of_time_is_refused_with_the_correct_unit(lab, factor, unit):
     for columns in (lab.board, lab.camera):
         columns["t"] = columns["t"] * factor
     message = lab.refused(r"time_unit|beyond 2038")
@@ -149,14 +149,14 @@ def test_times_before_the_zero_of_the_clock_are_refused(lab):
     lab.refused(r"its first time is -5.500 s, before the zero .* start_ns = 6000000000")
 
 
-def test_two_clocks_that_never_meet_are_refused(lab):
+def test_files_without_a_common_time_are_refused(lab):
     lab.camera["t"] = lab.camera["t"] + 1000.0
     lab.refused(
         r"\[truth\] in camera.csv is at 1001.005 s to .*their clocks differ. Write in \[files.camera\]: shift_s"
     )
 
 
-def test_commands_that_never_meet_the_ticks_are_refused(lab):
+def test_commands_outside_the_time_of_the_ticks_are_refused(lab):
     lab.camera |= {
         "throttle": lab.board["throttle"],
         "steer": lab.board["steer"],
@@ -186,7 +186,7 @@ def test_rows_without_a_time_are_left_out_and_reported(lab):
     assert "board.csv: 2 rows without a time were left out" in [d.text for d in lab.run().doubts]
 
 
-def test_held_samples_are_reported(lab):
+def test_repeated_samples_are_reported(lab):
     for name in ("ax", "ay", "wz"):
         lab.board[name] = np.repeat(lab.board[name][::5], 5)
     (doubt,) = (d for d in lab.run().doubts if d.code == "held samples")
@@ -199,13 +199,13 @@ def test_held_samples_are_reported(lab):
     assert "write new_when" in doubt.advice
 
 
-def test_a_vehicle_that_stands_is_not_a_held_sample(lab):
+def test_a_stationary_vehicle_is_not_reported_as_repeated_samples(lab):
     for name in ("ax", "ay", "wz", "speed"):
         lab.board[name][:1000] = 0.0
     assert "held samples" not in lab.codes()
 
 
-def test_a_battery_that_stays_with_the_command_is_not_a_held_sample(lab):
+def test_a_slowly_changing_battery_is_not_reported_as_repeated_samples(lab):
     lab.board["battery"] = 7400.0 - 50.0 * np.floor(np.arange(1500) / 60.0)
     battery = '[sensors.battery]\nfile = "board"\nz = [{ column = "battery", unit = "mV" }]\n'
     lab.edit("[truth]", battery + "[truth]")
@@ -224,7 +224,7 @@ def test_constant_columns_are_reported(lab):
     ]
 
 
-def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_reported(lab):
+def test_an_unsigned_speed_and_a_wrong_scale_are_reported(lab):
     lab.board["wz"] = 1.04 * lab.board["wz"]
     v = 0.8 * np.sin(0.5 * lab.board["t"])
     lab.board["speed"], lab.board["ay"] = np.abs(v), lab.board["ay"] * v
@@ -235,7 +235,7 @@ def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_reported(la
     assert "scale" in codes
 
 
-def test_the_scale_of_a_gyro_is_reported_beside_a_camera_whose_clock_is_apart(lab):
+def test_a_gyro_scale_error_is_reported_despite_a_camera_clock_offset(lab):
     """A clock that is 0.15 s off made the slope 0.98 times its own."""
     lab.board["wz"] = 1.034 * lab.board["wz"]
     lab.camera["t"] = lab.camera["t"] - 0.152
@@ -247,35 +247,35 @@ def test_the_scale_of_a_gyro_is_reported_beside_a_camera_whose_clock_is_apart(la
     assert shift_s == pytest.approx(0.152, abs=0.011)  # it is looked for in steps of 10 ms
 
 
-def test_a_steering_that_turns_right_is_reported(lab):
+def test_a_positive_steering_to_the_right_is_reported(lab):
     lab.board["steer"] = -lab.board["steer"]
     assert any("positive steering turns right" in d.text for d in lab.run().doubts)
 
 
-def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_reported(lab):
+def test_a_sensor_uncorrelated_with_the_truth_is_reported(lab):
     lab.board["wz"] = np.random.default_rng(1).normal(size=1500)
     assert "unrelated" in lab.codes()
 
 
-def test_a_steering_that_never_moves_beside_a_gyro_that_nothing_measures_is_not_a_relation(lab):
+def test_a_constant_steering_without_a_gyro_is_reported_only_as_constant(lab):
     lab.board["steer"][:] = 0.0
     lab.edit('{ column = "wz", unit = "rad/s" }', "{ constant = nan }")
     assert "constant" in lab.codes()
 
 
 @pytest.mark.parametrize("step", [0.005, 0.01, 0.03])
-def test_the_steps_of_an_encoder_are_not_a_held_samples(lab, step):
+def test_encoder_quantisation_is_not_reported_as_repeated_samples(lab, step):
     lab.board["speed"] = step * np.round(lab.board["speed"] / step)
     assert "held samples" not in lab.codes()
 
 
-def test_samples_of_an_encoder_that_are_read_too_often_are_held(lab):
+def test_encoder_samples_read_too_often_are_reported_as_repeated(lab):
     speed = 0.005 * np.round(lab.board["speed"] / 0.005)
     lab.board["speed"] = speed[np.arange(1500) // 3 * 3]
     assert "held samples" in lab.codes()
 
 
-def test_the_doubts_are_a_table_and_rows(lab):
+def test_import_warnings_have_a_table_and_rows(lab):
     imported_log = lab.run()
     assert imported_log.verdict == "USABLE"
     assert imported_log.table().startswith("info     no command yet")
@@ -286,7 +286,7 @@ def test_the_doubts_are_a_table_and_rows(lab):
 
 
 def by_wheels(lab, track_m=0.3, truth=False):
-    """The same car with the speeds of its wheels in place of an odometer, and without a camera unless it is told."""
+    """The same car with wheel speeds instead of an odometer, and without a camera unless requested."""
     odometer = lab.map[lab.map.index("[sensors.odometer]") : lab.map.index("[truth]")]
     wheels = '[sensors.wheels]\nfile = "board"\nz = [{ column = "l", unit = "m/s" }, { column = "r", unit = "m/s" }]\n'
     lab.map = lab.map.replace(odometer, wheels)
@@ -299,11 +299,11 @@ def by_wheels(lab, track_m=0.3, truth=False):
 
 @pytest.mark.parametrize("track_m", [0.08, 0.3, 1.5])
 @pytest.mark.parametrize("truth", [True, False])
-def test_wheels_that_turn_as_the_gyro_does_raise_no_doubt(lab, track_m, truth):
+def test_wheels_consistent_with_the_gyro_give_no_warning(lab, track_m, truth):
     assert by_wheels(lab, track_m, truth).codes() == ["no command yet"]
 
 
-def test_a_gyro_that_wheels_and_accelerometer_contradict_is_inverted_and_not_the_accelerometer(lab):
+def test_an_inverted_gyro_is_detected_by_wheels_and_accelerometer(lab):
     lab.board["wz"] = -lab.board["wz"]
     message = by_wheels(lab).refused(
         r"\[sensors.wheels\] and sensors.imu.z\[2\] have opposite signs .*and sensors.imu.z\[1\] contradicts it"
@@ -315,7 +315,7 @@ def test_a_gyro_that_wheels_and_accelerometer_contradict_is_inverted_and_not_the
 
 
 @pytest.mark.parametrize("flip", ["wheels", "imu"])
-def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab, flip):
+def test_swapped_wheels_or_an_inverted_imu_are_both_named_as_causes(lab, flip):
     by_wheels(lab)
     if flip == "imu":
         lab.board["wz"], lab.board["ay"] = -lab.board["wz"], -lab.board["ay"]
@@ -328,7 +328,7 @@ def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab
     assert "times what speed and turning give" not in message
 
 
-def test_wheels_that_the_camera_contradicts_are_swapped(lab):
+def test_swapped_wheels_are_detected_by_the_camera(lab):
     by_wheels(lab, truth=True)
     lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
     lab.refused(
@@ -337,7 +337,7 @@ def test_wheels_that_the_camera_contradicts_are_swapped(lab):
 
 
 @pytest.mark.parametrize(("factor", "width_m"), [(1 / 40, "0.0075"), (40.0, "12")])
-def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, width_m):
+def test_wheels_with_an_impossible_yaw_rate_are_refused(lab, factor, width_m):
     by_wheels(lab, truth=False)
     for side in "lr":
         lab.board[side] = factor * lab.board[side]
@@ -347,7 +347,7 @@ def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, wid
     assert "accept = [" in message
 
 
-def test_wheels_that_have_nothing_to_do_with_the_gyro_are_reported(lab):
+def test_wheels_uncorrelated_with_the_gyro_are_reported(lab):
     by_wheels(lab)
     noise = np.random.default_rng(2).normal(size=1500)
     lab.board["r"] = lab.board["l"] + noise

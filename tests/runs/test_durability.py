@@ -1,4 +1,4 @@
-"""What was recorded survives: killed programs, cut files, flipped bits, full disks, hostile files."""
+"""Recorded data survive killed programs, truncated files, flipped bits, full disks and hostile files."""
 
 import errno
 import os
@@ -94,7 +94,7 @@ def chunked_files(make_run, tmp_path, monkeypatch):
     return run, write_run(run, tmp_path / "0001-test.mcap").read_bytes()
 
 
-def test_lg5_a_file_cut_anywhere_gives_every_whole_chunk_or_says_why_not(chunked_files, tmp_path):
+def test_lg5_a_file_cut_anywhere_gives_every_complete_chunk_or_an_error(chunked_files, tmp_path):
     whole, data = chunked_files
     path, run_lengths, refusals = tmp_path / "cut.mcap", [], []
     for size in [*range(0, len(data), 97), *range(len(data) - 300, len(data))]:
@@ -131,7 +131,7 @@ def test_lg4_a_flipped_bit_never_gives_a_silently_wrong_run(chunked_files, tmp_p
         fewer(run, whole)
 
 
-def test_lg4_one_damaged_chunk_costs_no_other(chunked_files, tmp_path):
+def test_lg4_one_damaged_chunk_does_not_lose_other_chunks(chunked_files, tmp_path):
     whole, data = chunked_files
     signs = [i - 37 for i in range(len(data)) if data.startswith(b"\x04\0\0\0zstd", i) and data[i - 37] == 6]
     path = tmp_path / "damaged.mcap"
@@ -147,7 +147,7 @@ def test_lg4_one_damaged_chunk_costs_no_other(chunked_files, tmp_path):
         assert run.notes[-1].code == "run.damaged"
 
 
-def test_recover_writes_what_was_saved_to_a_new_whole_file(chunked_files, tmp_path):
+def test_recover_writes_the_recovered_data_to_a_new_file(chunked_files, tmp_path):
     whole, data = chunked_files
     cut = tmp_path / "0001-test-cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
@@ -209,14 +209,14 @@ def test_lg6_a_chunk_that_would_fill_the_memory_is_refused(tmp_path, compression
         (b"abc", b"lz4", bytes(40), ("runs.nothing-saved", {})),
     ],
 )
-def test_a_chunk_of_nonsense_is_named(tmp_path, records, compression, payload, message):
+def test_an_invalid_chunk_is_named(tmp_path, records, compression, payload, message):
     data = chunk(records, len(records), compression, records if payload is None else payload)
     with refused(message[0], FileError, **message[1]):
         read_run(mcap(tmp_path / "x.mcap", data))
 
 
 @pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.NONE])
-def test_files_packed_by_others_are_read(run, tmp_path, compression):
+def test_files_compressed_by_other_programs_are_read(run, tmp_path, compression):
     """A run that another tool has written anew."""
     from mcap.reader import make_reader
 
@@ -247,7 +247,7 @@ def record_one(run_writer, t_ns):
     run_writer.record(SimpleNamespace(tick=tick, requested=None, command=None, estimate=None, reference=None))
 
 
-def test_rt16_a_full_disk_stops_nothing_while_it_drives_and_is_reported_at_the_end(tmp_path, monkeypatch):
+def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
     path = tmp_path / "x.mcap"
     run_writer, deadline = RunWriter(path), time.monotonic() + 10.0
     record_one(run_writer, 5)
@@ -265,7 +265,7 @@ def test_rt16_a_full_disk_stops_nothing_while_it_drives_and_is_reported_at_the_e
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a limit of the size of files is of POSIX")
-def test_a_disk_that_also_refuses_what_waits_at_the_end_is_reported_as_a_full_one(tmp_path):
+def test_a_disk_that_is_full_at_closing_is_reported(tmp_path):
     import resource
 
     path = tmp_path / "x.mcap"
@@ -287,7 +287,7 @@ def raising(error):
     return fail
 
 
-def test_lg3_a_stalled_disk_costs_estimates_first_and_is_reported(tmp_path, monkeypatch):
+def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
     monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the thread sleeps all through this
     path = tmp_path / "x.mcap"
@@ -305,7 +305,7 @@ def test_lg3_a_stalled_disk_costs_estimates_first_and_is_reported(tmp_path, monk
     assert "the disk was too slow" in run.events[-1].text
 
 
-def test_a_simulation_waits_for_the_disk_and_loses_nothing(tmp_path, monkeypatch):
+def test_a_simulation_waits_for_a_slow_disk_and_loses_no_data(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
     monkeypatch.setattr(writer, "MOVE_S", 0.001)
     path = tmp_path / "x.mcap"
@@ -333,7 +333,7 @@ def test_a_crash_while_a_whole_run_is_written_leaves_no_file(run, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_long_record_that_is_none_ends_the_walk():
+def test_an_invalid_long_record_ends_the_reading():
     data = mcap_records.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
     scan = mcap_records.scan(data)
     assert not scan.complete

@@ -1,4 +1,4 @@
-"""Files that are no run: one paragraph each, with the file, what it is, and what to do."""
+"""Files that are not runs: one paragraph each, with the file, its type and a remedy."""
 
 import pytest
 from mcap.writer import Writer
@@ -78,12 +78,12 @@ def test_an_mcap_file_of_others_is_named(tmp_path):
         ("2", ("damage.message-bytes", {"bytes": 52})),
     ],
 )
-def test_a_topic_of_ours_that_others_wrote_is_named(tmp_path, size, message):
+def test_a_baqueano_topic_of_another_program_is_named(tmp_path, size, message):
     with refused(message[0], FileError, **message[1]):
         read_run(foreign(tmp_path / "a.mcap", "/command/applied", b"abc", size))
 
 
-def test_a_run_that_was_cut_before_its_first_second_says_so(run, tmp_path):
+def test_a_run_cut_before_its_first_chunk_is_an_error(run, tmp_path):
     path = write_run(run, tmp_path / "x.mcap")
     path.write_bytes(path.read_bytes()[:600])
     with refused("runs.nothing-saved", FileError):

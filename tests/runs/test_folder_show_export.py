@@ -1,4 +1,4 @@
-"""The folder of runs, what a run holds, and what leaves it as CSV, TUM and routes."""
+"""The folder of runs, the contents of a run, and its export as CSV, TUM and routes."""
 
 import csv
 from dataclasses import replace
@@ -38,7 +38,7 @@ def test_runs_are_numbered_in_turn(run, tmp_path):
     assert new_path(folder, "x" * 300).name == f"10000-{'x' * 60}.mcap"
 
 
-def test_two_programs_never_get_the_same_number(tmp_path):
+def test_two_programs_never_get_the_same_run_number(tmp_path):
     assert [claim(tmp_path, "x").name for _ in range(3)] == ["0001-x.mcap", "0002-x.mcap", "0003-x.mcap"]
 
 
@@ -48,7 +48,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
         new_path(tmp_path / "runs", "x")
 
 
-def test_a_run_is_found_by_path_number_name_or_as_the_last(run, tmp_path):
+def test_a_run_is_selected_by_path_number_name_or_last(run, tmp_path):
     first, second = tmp_path / "0001-a.mcap", tmp_path / "0002-b.mcap"
     for path in (first, second, tmp_path / "loose.mcap"):
         write_run(run, path)
@@ -65,7 +65,7 @@ def test_a_run_is_found_by_path_number_name_or_as_the_last(run, tmp_path):
         find("last", tmp_path / "nowhere")
 
 
-def test_a_recovered_run_stands_for_the_one_that_was_cut(run, tmp_path):
+def test_a_recovered_run_replaces_its_damaged_run_in_the_list(run, tmp_path):
     first, cut = write_run(run, tmp_path / "0001-a.mcap"), tmp_path / "0002-b.mcap"
     cut.write_bytes(first.read_bytes()[:-300])
     recovered_file = recover(cut).path
@@ -81,7 +81,7 @@ def test_a_recovered_run_stands_for_the_one_that_was_cut(run, tmp_path):
     assert find_all("2-2", tmp_path) == [recovered_file, third]
 
 
-def test_the_list_has_one_line_per_run_also_for_damaged_ones(run, tmp_path):
+def test_the_list_has_one_line_for_each_intact_or_damaged_run(run, tmp_path):
     path = write_run(replace(run, metadata=run.metadata | {"verdict": "USABLE"}), tmp_path / "0001-a.mcap")
     (tmp_path / "0002-b.mcap").write_bytes(path.read_bytes()[:-300])
     (tmp_path / "0003-c.mcap").write_bytes(b"")
@@ -129,7 +129,7 @@ def test_show_counts_rates_gaps_and_events():
     assert listing.events()[3]["t_s"] == 0.05
 
 
-def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
+def test_show_lists_topics_and_notes_of_the_reader(run):
     topics = [row["topic"] for row in show(replace(run, notes=(note("run.vehicle-file-lost"),))).rows()]
     assert topics == [
         "command applied", "command requested", "command sent", "sensor imu", "sensor odometer", "estimate",
@@ -140,7 +140,7 @@ def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
     assert listing.table().endswith("note: the vehicle file of the run is lost")
 
 
-def test_show_keeps_its_columns_under_a_long_name(make_run):
+def test_show_aligns_its_columns_under_a_long_name(make_run):
     run = make_run()
     long = {"temperature_of_the_gearbox": next(iter(run.sensors.values()))}
     head, *lines = (
@@ -150,11 +150,11 @@ def test_show_keeps_its_columns_under_a_long_name(make_run):
     assert ends == {head.index("  gaps") - len(" Hz")}
 
 
-def test_show_takes_a_run_without_ticks(make_run):
+def test_show_accepts_a_run_without_ticks(make_run):
     assert "0 ticks" in show(make_run(N=0)).table()
 
 
-def test_a_csv_holds_every_double_and_empty_cells_where_nothing_is_known(run, tmp_path):
+def test_a_csv_contains_every_double_and_empty_cells_for_unknown_values(run, tmp_path):
     path = export_csv(replace(run, metadata={"commands": "u_x, u_y, u_psi"}), tmp_path / "x.csv")
     with path.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -169,7 +169,7 @@ def test_a_csv_holds_every_double_and_empty_cells_where_nothing_is_known(run, tm
     )
 
 
-def test_a_csv_for_spreadsheets_with_decimal_commas(run, tmp_path):
+def test_a_csv_for_spreadsheets_can_have_decimal_commas(run, tmp_path):
     text = export_csv(run.cut(0, 0.05), tmp_path / "x.csv", decimal=",").read_text(encoding="utf-8")
     assert text.splitlines()[0].startswith("t_s;applied.u1;applied.u2")
     assert "." not in "".join(text.splitlines()[1:])
@@ -226,7 +226,7 @@ def test_a_route_from_a_spreadsheet_is_read(route, tmp_path):
         ("\n0.1,", "\nnan,", "route.not-number"),
     ],
 )
-def test_a_route_that_is_none_is_named(route, tmp_path, old, new, message):
+def test_an_invalid_route_file_is_named(route, tmp_path, old, new, message):
     path = write_route(route, tmp_path / "lap.csv")
     text = path.read_text(encoding="utf-8")
     assert old in text

@@ -32,7 +32,7 @@ ROWS = b"0.10,0.25\n0.20,0.50\n0.30,0.75\n0.40,1.00\n"
 
 
 def refusal(tmp_path, data, name="log.csv"):
-    """What the import says of a file, in how much memory."""
+    """Return the error of the import of a file, and check its memory use."""
     path = tmp_path / name
     path.write_bytes(data)
     (tmp_path / "log.toml").write_text(MAP.replace("FILE", name), encoding="utf-8")
@@ -70,7 +70,7 @@ def refusal(tmp_path, data, name="log.csv"):
         (b"PK\x03\x04" + bytes(50), "is a zip file, perhaps a spreadsheet. Unpack it, or save it as CSV"),
     ],
 )
-def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, message):
+def test_a_malformed_csv_gives_a_message(tmp_path, data, message):
     assert message in refusal(tmp_path, data)
 
 
@@ -84,13 +84,13 @@ def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, message):
         (bytes(20_000_000), "line 1 contains zero bytes"),
     ],
 )
-def test_a_packed_csv_that_would_fill_the_memory_is_refused(tmp_path, text, message):
+def test_a_compressed_csv_that_would_fill_the_memory_is_refused(tmp_path, text, message):
     error = refusal(tmp_path, gzip.compress(text), "log.csv.gz")
     assert message in error
     assert "of memory" not in message or "unpack it first: gunzip -k log.csv.gz" in error
 
 
-def test_a_packed_recording_of_a_real_size_is_read_within_its_memory(tmp_path):
+def test_a_compressed_recording_of_normal_size_is_read_within_its_memory(tmp_path):
     text = b"a,b\n" + b"".join(b"%.5f,%.5f\n" % (k % 97 / 100, k % 89 / 50) for k in range(40_000))
     (tmp_path / "log.csv.gz").write_bytes(gzip.compress(text))
     (tmp_path / "log.toml").write_text(MAP.replace("FILE", "log.csv.gz"), encoding="utf-8")
@@ -102,7 +102,7 @@ def test_a_packed_recording_of_a_real_size_is_read_within_its_memory(tmp_path):
         tracemalloc.stop()
 
 
-def test_a_cell_of_two_lines_and_one_of_other_letters_are_read_as_they_are(tmp_path):
+def test_cells_with_line_breaks_or_unicode_are_read_unchanged(tmp_path):
     rows = 'a,b,note\n0.1,1.0,"two\nlines"\n0.2,2.0,ñ€😀\n0.3,3.0,\n0.4,4.0,x\n'
     (tmp_path / "log.csv").write_text(rows, encoding="utf-8")
     (tmp_path / "log.toml").write_text(
@@ -132,7 +132,7 @@ def test_a_route_that_would_fill_the_memory_is_refused(tmp_path):
         ('format = "' + "x" * 500_000 + '"', "map.toml format = 'xxx"),
     ],
 )
-def test_a_map_that_no_person_wrote_has_a_message(tmp_path, text, message):
+def test_a_malformed_map_gives_a_message(tmp_path, text, message):
     (tmp_path / "map.toml").write_text(text, encoding="utf-8")
     with pytest.raises(FileError) as error_info:
         load_map(tmp_path / "map.toml")
@@ -140,13 +140,13 @@ def test_a_map_that_no_person_wrote_has_a_message(tmp_path, text, message):
     assert len(str(error_info.value)) < 1000
 
 
-def test_a_recording_with_points_and_blanks_is_still_no_map(tmp_path):
+def test_a_recording_with_points_and_spaces_is_not_a_map(tmp_path):
     (tmp_path / "log.txt").write_text("0.1 0.2 " * 5000, encoding="utf-8")
     with refused("map.recording", FileError):
         load_map(tmp_path / "log.txt")
 
 
-def test_a_run_whose_vehicle_file_is_nested_without_end_is_recovered(run, tmp_path):
+def test_a_run_with_a_deeply_nested_vehicle_file_is_recovered(run, tmp_path):
     object.__setattr__(run, "vehicle_text", "a = " + "[" * 100_000)
     path = write_run(run, tmp_path / "x.mcap")
     assert read_run(recover(path).path) == run

@@ -1,4 +1,4 @@
-"""An import does what its map says, and refuses what it does not say, with the line to write."""
+"""An import follows its map and refuses data outside the map, with a remedy."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from baqueano.runs.maps.column_map import load_map, maps_folder
 from tests.codes import refused
 
 
-def test_a_clean_recording_raises_no_doubt(lab):
+def test_a_clean_recording_gives_no_warning(lab):
     run, doubts = lab.run()
     assert [d.code for d in doubts] == ["no command yet"]
     assert len(run.t_ns) == 1499
@@ -22,7 +22,7 @@ def test_a_clean_recording_raises_no_doubt(lab):
     assert np.isnan(run.truth.nu_dot).all()
 
 
-def test_an_imported_run_survives_the_disk_with_its_map(lab, tmp_path):
+def test_an_imported_run_is_stored_with_its_map(lab, tmp_path):
     run = lab.run().run
     read_back = read_run(write_run(run, tmp_path / "0001-import.mcap"))
     assert read_back == run
@@ -32,14 +32,14 @@ def test_an_imported_run_survives_the_disk_with_its_map(lab, tmp_path):
     assert read_back.events[0].text.startswith("no command yet: 1 ticks before the first command")
 
 
-def test_a_command_until_its_time_is_one_tick_earlier_than_one_from_its_time(lab):
+def test_in_force_until_shifts_commands_by_one_tick(lab):
     late = lab.run().run
     early = lab.edit('in_force = "from"', 'in_force = "until"').run().run
     assert early.t_ns[1] == late.t_ns[0]
     assert np.array_equal(early.applied[:-1], late.applied)
 
 
-def test_units_scales_offsets_and_switches_are_applied_at_the_edge(lab):
+def test_units_scales_offsets_and_switches_are_applied_at_import(lab):
     lab.board["wz"] = np.degrees(lab.board["wz"])
     lab.board["speed"] = lab.board["speed"] * 3.6
     lab.board["ay"] = -lab.board["ay"] / 9.80665 * 1000
@@ -59,7 +59,7 @@ def test_units_scales_offsets_and_switches_are_applied_at_the_edge(lab):
     assert np.all(run.applied[:749, 0] != 0.0)
 
 
-def test_rows_are_chosen_and_held_ones_left_out(lab):
+def test_selected_rows_are_read_and_repeated_rows_left_out(lab):
     board = {name: np.repeat(column, 2) for name, column in lab.board.items()}
     board["count"] = np.floor(np.arange(3000) / 2)
     board["t"] = np.arange(3000) * 0.01
@@ -74,14 +74,14 @@ def test_rows_are_chosen_and_held_ones_left_out(lab):
 @pytest.mark.parametrize(
     ("limits", "count"), [("{ min = 1.0 }", 1450), ("{ max = 0.99 }", 50), ("{ not = 0.0 }", 1499)]
 )
-def test_where_takes_limits(lab, limits, count):
+def test_the_where_key_accepts_limits(lab, limits, count):
     lab.edit('path = "board.csv"', f'path = "board.csv"\nwhere = {{ t = {limits} }}').edit(
         "start_ns = 1000", "start_ns = 2000"
     )
     assert len(lab.run().run.sensors["imu"].t_ns) == count
 
 
-def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):
+def test_a_slow_signal_is_repeated_or_interpolated_at_the_ticks(lab):
     lab.camera = {name: column[::10] for name, column in lab.camera.items()}
     measured = lab.run().run
     assert len(measured.truth.t_ns) == 150
@@ -98,7 +98,7 @@ def test_a_slow_signal_is_held_or_interpolated_at_the_ticks(lab):
     assert np.abs(slow_run.truth.eta[:, 2]).max() <= np.pi
 
 
-def test_a_rate_is_taken_from_an_angle_across_the_turn(lab):
+def test_a_rate_is_derived_from_an_angle_across_pi(lab):
     psi = np.cumsum(lab.board["wz"]) * 0.02
     lab.board["imu yaw"] = np.degrees(np.mod(psi, 2 * np.pi))
     before = lab.run().run.sensors["imu"].z[1:, 2]
@@ -106,7 +106,7 @@ def test_a_rate_is_taken_from_an_angle_across_the_turn(lab):
     assert lab.run().run.sensors["imu"].z[:, 2] == pytest.approx(before, abs=1e-5)
 
 
-def test_a_rate_of_a_wrapped_angle_with_a_scale_is_right_across_the_turn(lab):
+def test_a_rate_of_a_scaled_wrapped_angle_is_correct_across_pi(lab):
     psi = np.cumsum(lab.board["wz"]) * 0.02
     lab.board["imu yaw"] = np.degrees(np.mod(psi, 2 * np.pi))
     lab.board["imu yaw"][40] = 999.0  # one bad row is no angle beyond a turn
@@ -117,14 +117,14 @@ def test_a_rate_of_a_wrapped_angle_with_a_scale_is_right_across_the_turn(lab):
     assert rate[sound] == pytest.approx(1.02 * before[sound], abs=1e-5)
 
 
-def test_a_heading_is_taken_from_a_quaternion(lab):
+def test_a_heading_is_computed_from_a_quaternion(lab):
     half = 0.5 * lab.camera.pop("yaw")
     lab.camera |= {"qx": 0 * half, "qy": 0 * half, "qz": np.sin(half), "qw": np.cos(half)}
     lab.edit('{ column = "yaw", unit = "rad" }', '{ quaternion = ["qx", "qy", "qz", "qw"] }')
     assert lab.run().run.truth.eta[:, 2] == pytest.approx(lab.recording()[1]["yaw"], abs=1e-8)
 
 
-def test_whole_nanoseconds_are_kept_exactly(lab):
+def test_integer_nanoseconds_are_read_exactly(lab):
     start = 1_539_614_088_900_197_999
     for columns in (lab.board, lab.camera):
         columns["t"] = [str(start + 20_000_001 * k) for k in range(1500)]
@@ -134,7 +134,7 @@ def test_whole_nanoseconds_are_kept_exactly(lab):
     assert lab.run().run.sensors["imu"].t_ns[:2].tolist() == [start, start + 20_000_001]
 
 
-def test_dates_are_times_too(lab):
+def test_dates_are_accepted_as_times(lab):
     for columns in (lab.board, lab.camera):
         columns["t"] = [
             str(np.datetime64("2024-01-22T11:39:01") + np.timedelta64(20 * k, "ms")) for k in range(1500)
@@ -215,13 +215,13 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
         ("[truth]", '[truth]\nsample = "nearest"', r"sample = 'nearest'; write sample = \"measured\""),
     ],
 )
-def test_a_mistake_in_the_map_is_named_with_the_line_to_write(lab, old, new, pattern):
+def test_a_mistake_in_the_map_is_named_with_a_remedy(lab, old, new, pattern):
     lab.map = lab.map.replace(old, new, 1)
     message = lab.refused(pattern)
     assert "lab.toml" in message or "[files" in message or "board.csv" in message
 
 
-def test_an_unknown_map_lists_those_that_come_with_the_package(tmp_path):
+def test_an_unknown_map_is_refused_with_the_list_of_built_in_maps(tmp_path):
     with refused("map.absent", FileError, found="cpm", missing="cpm"):
         load_map("cpm")
     (tmp_path / "x.toml").write_bytes(b"\xff\xfe")
@@ -234,7 +234,7 @@ def test_every_map_of_the_package_is_well_formed(path):
     assert load_map(path.stem).path == path
 
 
-def test_a_file_on_the_command_line_fills_the_open_place(lab):
+def test_a_file_on_the_command_line_fills_the_placeholder_of_the_map(lab):
     lab.save()
     (lab.folder / "board.csv").rename(lab.folder / "today ñ.csv")
     lab.edit('path = "board.csv"\n', "")
@@ -253,7 +253,7 @@ def test_a_file_on_the_command_line_fills_the_open_place(lab):
         import_run(lab.folder / "lab.toml", [lab.folder / "gone.csv"])
 
 
-def test_recordings_are_looked_for_where_the_variable_says(lab, tmp_path, monkeypatch):
+def test_recordings_are_searched_in_the_folder_of_the_environment_variable(lab, tmp_path, monkeypatch):
     lab.save()
     elsewhere = tmp_path / "recordings"
     elsewhere.mkdir()
@@ -263,7 +263,7 @@ def test_recordings_are_looked_for_where_the_variable_says(lab, tmp_path, monkey
     assert len(import_run(lab.folder / "lab.toml").run.t_ns) == 1499
 
 
-def test_a_unit_in_the_name_of_a_column_is_believed(lab):
+def test_a_unit_that_contradicts_its_column_name_is_refused(lab):
     lab.board["speed [km/h]"] = 3.6 * lab.board["speed"]
     lab.edit('column = "speed"', 'column = "speed [km/h]"')
     lab.refused(r"odometer.z\[0\] unit = \"m/s\", but its column's name indicates .*write unit = \"km/h\"")

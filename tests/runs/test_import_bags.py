@@ -87,7 +87,7 @@ def bring(bag, tmp_path, old="", new=""):
     return import_run(tmp_path / "map.toml", {"imu": bag, "drive": bag}).run
 
 
-def test_a_bag_becomes_a_run(bag, tmp_path):
+def test_a_bag_is_imported_as_a_run(bag, tmp_path):
     run = bring(bag, tmp_path)
     assert run.t_ns[0] == 1_700_000_000_000_000_000
     assert run.applied[:3].tolist() == [[0.0, -0.5], [0.01, -0.5], [0.02, -0.5]]
@@ -110,7 +110,7 @@ def test_a_bag_becomes_a_run(bag, tmp_path):
         ('time = "bag"', "", ("expect.time-of-bag", {})),
     ],
 )
-def test_what_a_bag_does_not_hold_is_named(bag, tmp_path, old, new, message):
+def test_a_topic_or_field_absent_from_a_bag_is_named(bag, tmp_path, old, new, message):
     with refused(message[0], FileError, **message[1]):
         bring(bag, tmp_path, old, new)
 
@@ -125,7 +125,7 @@ def test_a_file_that_is_not_a_bag_is_named(tmp_path):
         bring(path, tmp_path)
 
 
-def test_without_the_laptop_extra_bags_say_what_to_install(tmp_path, monkeypatch):
+def test_a_missing_bag_library_is_reported_with_the_install_command(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
     with refused("bag.no-rosbags", UsageError):
         bring(tmp_path / "x.bag", tmp_path)

@@ -1,4 +1,4 @@
-"""The text of a CSV file: what is plain is read without being told, what can be read in two ways is refused."""
+"""The text of a CSV file: a plain format is detected, and an ambiguous format is refused."""
 
 import gzip
 import re
@@ -25,11 +25,11 @@ from tests.codes import refused
         {"encoding": "utf-16"},
     ],
 )
-def test_lg9_what_is_plain_is_read_without_being_told(lab, format):
+def test_lg9_plain_csv_formats_are_detected_automatically(lab, format):
     assert lab.run(**format).run == lab.run().run
 
 
-def test_gzip_and_blanks_comments_and_quotes_are_read(lab):
+def test_gzip_spaces_comments_and_quotes_are_read(lab):
     plain = lab.run().run
     path = lab.folder / "board.csv"
     lines = path.read_text(encoding="utf-8").splitlines()
@@ -97,7 +97,7 @@ def rows(last, sep=","):
         (HEAD + "0,0,0,0,0,0,0\n", "import.too-short", {"rows": 1, "least": 3}),
     ],
 )
-def test_lg9_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_write(lab, text, code, figures):
+def test_lg9_an_ambiguous_or_wrong_csv_is_refused_with_a_remedy(lab, text, code, figures):
     reason = raw(lab, text)
     assert (reason.code, {name: reason.figures[name] for name in figures}) == (code, figures)
     assert "board.csv" in reason.figures.values()
@@ -117,13 +117,13 @@ def numbers_of(cells):
         st.text("0123456789+-.eE", max_size=6) | st.floats(allow_nan=False).map(repr), min_size=1, max_size=4
     )
 )
-def test_a_column_is_read_at_once_as_it_is_read_cell_by_cell(cells):
+def test_reading_a_whole_column_equals_reading_each_cell(cells):
     at_once, slowly = numbers_of(cells), numbers_of([*cells, "true"])  # a word: each cell is looked at
     assert repr(at_once) == repr(slowly if isinstance(slowly, str) else slowly[:-1])
 
 
 @pytest.mark.parametrize("cell", ["1_000", "١", "+-3", "1e", ".", "0x10", "1 2"])
-def test_what_python_might_take_for_a_number_is_refused(cell):
+def test_unusual_python_number_formats_are_refused(cell):
     assert "line 3, column 'v'" in numbers_of(["1", cell])
 
 
@@ -139,12 +139,12 @@ def test_what_python_might_take_for_a_number_is_refused(cell):
         (["١"], None),
     ],
 )
-def test_whole_numbers_are_read_exactly_or_not_at_all(cells, values):
+def test_integers_are_read_exactly_or_refused(cells, values):
     numbers = LogTable("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
     assert (None if numbers is None else numbers.tolist()) == values
 
 
-def test_what_the_map_says_of_a_csv_is_followed(lab):
+def test_the_csv_format_in_the_map_is_applied(lab):
     lab.board["speed"] = np.round(lab.board["speed"], 3)
     text = "t;speed\n" + "\n".join(
         f"{t:.3f};{v:.3f}".replace(".", ",")
@@ -166,7 +166,7 @@ def test_what_the_map_says_of_a_csv_is_followed(lab):
     )
 
 
-def test_tags_and_a_compass_are_read_in_their_units_and_an_angle_is_wrapped(lab):
+def test_tags_and_compass_are_converted_to_si_and_angles_are_wrapped(lab):
     lab.board["deg"], lab.board["x_mm"] = lab.board["t"] + 179.9, 1e3 * lab.board["t"]
     lab.map += """
 [sensors.compass]
@@ -184,7 +184,7 @@ z = [{ column = "x_mm", unit = "mm" }, { column = "t", unit = "m" }]
     assert sensors["tags"].z[:, 0] == pytest.approx(sensors["tags"].z[:, 1])
 
 
-def test_columns_without_names_are_counted(lab):
+def test_columns_without_names_are_addressed_by_number(lab):
     lab.save()
     path = lab.folder / "board.csv"
     path.write_text(path.read_text(encoding="utf-8").split("\n", 1)[1], encoding="utf-8")
@@ -197,7 +197,7 @@ def test_columns_without_names_are_counted(lab):
     assert imported_run.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
 
 
-def test_a_cut_last_line_is_left_out_and_reported(lab):
+def test_an_incomplete_last_line_is_left_out_and_reported(lab):
     lab.save()
     path = lab.folder / "board.csv"
     path.write_text(path.read_text(encoding="utf-8") + "30.0,3,0.1", encoding="utf-8")
@@ -207,7 +207,7 @@ def test_a_cut_last_line_is_left_out_and_reported(lab):
 
 
 @pytest.mark.parametrize("name", ["speed", "Speed of it"])
-def test_a_row_of_units_below_the_names_is_left_out_by_the_line_that_is_reported(lab, name):
+def test_the_reported_remedy_skips_a_row_of_units(lab, name):
     plain = lab.run().run
     path = lab.folder / "board.csv"
     head, *lines = path.read_text(encoding="utf-8").replace("speed", name).splitlines()

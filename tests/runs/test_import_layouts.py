@@ -1,5 +1,4 @@
-"""Layouts of columns that boards write, told in the map: two columns of time, counters that begin again, a pin of
-direction."""
+"""Column layouts of boards, described in the map: two columns of time, overflowing counters, a direction pin."""
 
 from pathlib import Path
 
@@ -57,19 +56,19 @@ def run_of_board(folder: Path, old="", new=""):
     return import_run(path, [folder / "log.csv"]).run
 
 
-def test_seconds_and_nanoseconds_are_one_time(board):
+def test_columns_of_seconds_and_nanoseconds_are_added(board):
     run = run_of_board(board)
     assert run.t_ns[0] == START_S * 10**9 + 320_000_000  # the first row has no command before it
     np.testing.assert_allclose(np.diff(run.t_ns), 20_000_000, atol=1)
 
 
-def test_a_counter_goes_on_where_it_begins_again(board):
+def test_a_counter_is_continuous_across_its_overflow(board):
     wheels = run_of_board(board).sensors["wheels"]
     assert np.all(wheels.z[:, 0] > 0.4)
     assert np.all(wheels.z[:, 1] < -0.4)
 
 
-def test_a_rate_stands_in_the_middle_between_its_rows(board):
+def test_a_rate_is_timestamped_midway_between_its_rows(board):
     wheels = run_of_board(board).sensors["wheels"]
     t_s = (wheels.t_ns - START_S * 10**9) * 1e-9
     np.testing.assert_allclose(t_s[:3], [0.31, 0.33, 0.35], atol=1e-6)
@@ -77,14 +76,14 @@ def test_a_rate_stands_in_the_middle_between_its_rows(board):
     assert abs(late) < 0.005  # of a step of 20 ms
 
 
-def test_a_pin_of_direction_turns_the_sign_round(board):
+def test_a_direction_pin_inverts_the_sign(board):
     applied = run_of_board(board).applied  # row k holds the command of row k: from the row before its tick
     left, right = applied[:, 0] - applied[:, 2], applied[:, 0] + applied[:, 2]
     np.testing.assert_allclose(left, np.where(np.arange(len(left)) % 2, -0.4, 0.4))
     np.testing.assert_allclose(right, np.where(np.arange(len(right)) % 3 == 0, -0.3, 0.3))
 
 
-def test_what_does_not_fit_is_refused_with_the_line_to_write(board):
+def test_unsuitable_layout_keys_are_refused_with_a_remedy(board):
     with refused("expect.time-rest", FileError):
         run_of_board(board, 'unit = "ns" }', 'unit = "deg" }')
     with refused("expect.wraps", FileError):
@@ -117,13 +116,13 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
         'unit = "rev", scale = 0.00166666666666666667',
     ],
 )
-def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_reported(board, reading):
+def test_encoder_counts_give_the_rim_speed_in_every_notation(board, reading):
     expected = run_of_board(board).sensors["wheels"].z / 0.001 * (2.0 * np.pi / 600.0) * 0.04
     assert np.max(np.abs(expected)) > 0.5
     np.testing.assert_allclose(wheels_by(board, f"{reading}, {COUNTER}"), expected, rtol=1e-9)
 
 
-def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
+def test_an_angle_beyond_one_turn_is_not_unwrapped_again(board):
     log = board / "log.csv"
     lines = log.read_text(encoding="utf-8").splitlines()
     counts = 200.0 * (0.02 * np.arange(400))  # 4 rad from row to row: beyond half a turn
@@ -155,12 +154,12 @@ def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
         (f'unit = "m", {COUNTER}', ("expect.radius", {})),
     ],
 )
-def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, message):
+def test_incomplete_encoder_settings_are_refused_with_a_remedy(board, entry, message):
     with refused(message[0], FileError, **message[1]):
         wheels_by(board, entry)
 
 
-def test_a_count_that_is_infinite_is_left_out_as_one_that_is_missing(board):
+def test_an_infinite_count_is_treated_as_missing(board):
     log = board / "log.csv"
     lines = log.read_text(encoding="utf-8").splitlines()
     lines[10] = lines[10].rsplit(",", 1)[0] + ",inf"
@@ -183,15 +182,15 @@ def test_a_count_that_is_infinite_is_left_out_as_one_that_is_missing(board):
         ("KM/H", 1.0 / 3.6),
     ],
 )
-def test_turns_and_rates_have_the_names_that_boards_write(name, si):
+def test_common_unit_names_of_boards_are_accepted(name, si):
     assert unit(name).si == pytest.approx(si)
 
 
 @pytest.mark.parametrize("name", ["MV", "MS", "M", "foo"])
-def test_large_letters_of_a_short_unit_mean_another_one(name):
+def test_short_units_are_case_sensitive(name):
     assert unit(name) is None
 
 
-def test_a_unit_that_is_not_known_is_answered_with_those_that_fit(board):
+def test_an_unknown_unit_is_refused_with_suitable_units(board):
     with refused("expect.known-unit-of", FileError, measures="speed"):
         wheels_by(board, 'unit = "ppr"')

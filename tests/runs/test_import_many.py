@@ -1,4 +1,4 @@
-"""Several runs from one file or several files, and what a map may say of wheels and of what is not measured."""
+"""Several runs from one file or several files, and the map entries for wheels and for unmeasured channels."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ SPLIT = ('time_unit = "s"', 'time_unit = "s"\nsplit = "trial"')
 GAP = ('time_unit = "s"', 'time_unit = "s"\nsplit_gap_s = 5.0')
 
 
-def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
+def test_each_value_of_the_split_column_is_a_run_in_file_order(desk):
     imports = import_runs(desk.map(SPLIT), [desk.file("log.csv", [7, 2, 11])])
     assert [imported_run.run.name for imported_run in imports] == ["log-007", "log-002", "log-011"]
     assert [len(imported_run.run.t_ns) for imported_run in imports] == [5, 5, 5]
@@ -77,7 +77,7 @@ def test_each_value_of_the_split_column_is_a_run_in_the_order_of_the_file(desk):
         ("{ left = 0.2, rpm_l = { min = 30, not = 60.0 } }", ["parking", "a", "b", "003"]),
     ],
 )
-def test_where_takes_words_and_several_of_them(desk, selection, labels):
+def test_the_where_key_accepts_several_words(desk, selection, labels):
     by_map = desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {selection}"))
     imports = import_runs(by_map, [desk.file("log.csv", ["parking", "a", "b", "3.0"])])
     assert [imported_run.run.name for imported_run in imports] == [f"log-{label}" for label in labels]
@@ -86,19 +86,19 @@ def test_where_takes_words_and_several_of_them(desk, selection, labels):
 @pytest.mark.parametrize(
     "selection", ['{ left = { min = "0" } }', "{ left = { max = [1] } }", "{ left = 2020-01-01 }"]
 )
-def test_where_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, selection):
+def test_an_invalid_where_key_is_refused_with_a_remedy(desk, selection):
     with refused("import.where", FileError, column="left"):
         import_runs(desk.map((SPLIT[0], f"{SPLIT[1]}\nwhere = {selection}")), [desk.file("log.csv", [1])])
 
 
 @pytest.mark.parametrize("restart", [True, False])
-def test_a_pause_or_a_time_that_begins_again_begins_a_run(desk, restart):
+def test_a_pause_or_restarted_time_begins_a_new_run(desk, restart):
     imports = import_runs(desk.map(GAP), [desk.file("log.csv", [1, 1, 1], restart=restart)])
     assert [imported_run.run.name for imported_run in imports] == ["log-1", "log-2", "log-3"]
     assert all(imported_run.run.duration_s == pytest.approx(0.4) for imported_run in imports)
 
 
-def test_several_files_of_an_open_place_are_several_runs(desk):
+def test_several_files_for_one_placeholder_are_several_runs(desk):
     first, two = desk.file("one.csv", [1]), desk.file("two.csv", [1])
     assert [i.run.name for i in import_runs(desk.map(), [first, two])] == ["one", "two"]
     assert [i.run.name for i in import_runs(desk.map(), [desk.folder / "*.csv"])] == ["one", "two"]
@@ -108,12 +108,12 @@ def test_several_files_of_an_open_place_are_several_runs(desk):
         import_runs(desk.map(), [desk.folder / "none*.csv"])
 
 
-def test_one_run_is_not_asked_of_a_map_that_makes_several(desk):
+def test_importing_several_runs_as_a_single_run_is_refused(desk):
     with refused("import.several-runs", FileError, count=2):
         import_run(desk.map(SPLIT), [desk.file("log.csv", [1, 2])])
 
 
-def test_the_tick_before_the_first_command_is_not_reported_of_each_import(desk):
+def test_the_first_tick_without_a_command_is_not_reported_for_each_import(desk):
     late = desk.file("late.csv", [1, 2])
     late.write_text(late.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
     by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
@@ -129,7 +129,7 @@ def test_the_tick_before_the_first_command_is_not_reported_of_each_import(desk):
     assert "no command yet" not in imports[1].noticed.table()
 
 
-def test_runs_one_under_the_other_are_distinguished_from_rows_that_came_late(desk):
+def test_consecutive_runs_are_distinguished_from_late_rows(desk):
     with refused("import.steps-back-often", FileError, lost=4):
         import_runs(desk.map(), [desk.file("log.csv", [1, 2])])
     late = desk.file("late.csv", [1], rows=30)
@@ -155,7 +155,7 @@ def test_parts_that_are_too_short_are_left_out_and_reported(desk):
         import_runs(desk.map(SPLIT), [desk.file("short.csv", [1, 2], rows=2)])
 
 
-def test_a_held_channel_of_a_split_file_is_split_with_it(desk):
+def test_a_repeated_channel_of_a_split_file_is_split_too(desk):
     slow = '[files.slow]\ntime = "t"\ntime_unit = "s"\nsplit = "trial"\nnew_when = "slow"\n[ticks]\nfile = "log"\n'
     by_map = desk.map(
         SPLIT,
@@ -183,7 +183,7 @@ def speeds(imports):
     }
 
 
-def test_files_that_are_split_are_matched_by_the_value_and_not_by_the_order(desk):
+def test_split_files_are_matched_by_value_and_not_by_order(desk):
     log = desk.file("log.csv", ["monday", "tuesday"])
     odo = desk.file("odo.csv", ["tuesday"], rows=5)
     later = desk.file("monday.csv", ["monday"], rows=4)
@@ -193,7 +193,7 @@ def test_files_that_are_split_are_matched_by_the_value_and_not_by_the_order(desk
 
 
 @pytest.mark.parametrize("log", ["7", "7.0", "007"])
-def test_a_number_is_one_value_however_it_is_written(desk, log):
+def test_a_number_is_the_same_split_value_in_every_notation(desk, log):
     files = {"log": desk.file("log.csv", [log, "2"]), "odo": desk.file("odo.csv", ["2", "7"])}
     assert list(speeds(import_runs(desk.map(SPLIT, *TWO), files))) == ["log-007", "log-002"]
 
@@ -211,7 +211,7 @@ def test_a_value_that_one_file_lacks_is_left_out_and_named(desk):
     assert "trial = parking, home of [files.log] is not in [files.odo]" in imports[0].doubts[0].text
 
 
-def test_files_without_a_value_in_common_are_refused_with_what_each_has(desk):
+def test_split_files_without_a_common_value_are_refused(desk):
     files = {"log": desk.file("log.csv", [1, 2]), "odo": desk.file("odo.csv", ["a", "b"])}
     with refused("import.split-no-value", FileError):
         import_runs(desk.map(SPLIT, *TWO), files)
@@ -232,7 +232,7 @@ def test_parts_after_a_pause_are_matched_in_order_within_each_value(desk):
             import_runs(desk.map(SPLIT, *TWO, both), {"log": log, "odo": odometry})
 
 
-def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
+def test_parts_separated_only_by_a_pause_are_matched_in_order(desk):
     by_map = desk.map(GAP, *TWO, ('split = "trial"', "split_gap_s = 5.0"))
     log = desk.file("log.csv", [1, 1], restart=False)
     imports = import_runs(by_map, {"log": log, "odo": desk.file("odo.csv", [1, 1], restart=False)})
@@ -244,7 +244,7 @@ def test_parts_that_only_a_pause_tells_apart_are_matched_in_order(desk):
     assert list(speeds(runs_by_name)) == ["log-003", "log-004"]
 
 
-def test_the_file_of_the_ticks_is_the_one_to_split(desk):
+def test_the_split_key_belongs_to_the_file_of_the_ticks(desk):
     table = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
     by_map = desk.map(
         SPLIT,
@@ -255,14 +255,14 @@ def test_the_file_of_the_ticks_is_the_one_to_split(desk):
         import_runs(by_map, [desk.file("log.csv", [1, 2])])
 
 
-def test_wheels_become_a_forward_and_a_turning_command_and_roll_at_omega_r(desk):
+def test_wheel_speeds_are_converted_to_commands_and_rim_speeds(desk):
     run = import_run(desk.map(), [desk.file("log.csv", [1])]).run
     assert run.applied[0] == pytest.approx([0.4, 0.0, 0.2])
     assert run.metadata["commands"] == "u_x, u_y, u_psi"
     assert run.sensors["wheels"].z[1] == pytest.approx(np.array([30.0, 60.0]) * np.pi / 30.0 * 0.1)
 
 
-def test_what_nothing_measures_is_nan_and_raises_no_doubt(desk):
+def test_an_unmeasured_channel_is_nan_without_a_warning(desk):
     imu = '[sensors.imu]\nz = [{ constant = nan }, { constant = nan }, { column = "t", unit = "rad/s" }]\n'
     imported_run = import_run(
         desk.map(("[sensors.wheels]", imu + "[sensors.wheels]")), [desk.file("log.csv", [1], rows=20)]
@@ -273,7 +273,7 @@ def test_what_nothing_measures_is_nan_and_raises_no_doubt(desk):
     assert "missing" not in [d.code for d in imported_run.doubts]
 
 
-def test_a_file_without_times_has_a_rate(desk):
+def test_a_file_without_times_uses_a_fixed_rate(desk):
     by_map = desk.map(('time = "t"\ntime_unit = "s"', "rate_hz = 20.0"))
     assert import_run(by_map, [desk.file("log.csv", [1])]).run.duration_s == pytest.approx(0.2)
     for wrong, message in (
@@ -294,18 +294,18 @@ def test_a_file_without_times_has_a_rate(desk):
         ('column = "rpm_l", unit = "rpm", radius_m = 0.1', 'unit = "m/s"', ("expect.one-source", {})),
     ],
 )
-def test_a_map_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, old, new, message):
+def test_an_inconsistent_map_is_refused_with_a_remedy(desk, old, new, message):
     with refused(message[0], FileError, **message[1]):
         import_run(desk.map((old, new)), [desk.file("log.csv", [1])])
 
 
-def test_a_command_is_reported_once(desk):
+def test_a_command_given_by_u_and_by_wheels_is_refused(desk):
     twice = ("[sensors.wheels]", "[sensors.wheels]")
     with refused("expect.u-or-wheels", FileError):
         import_run(desk.map(("wheels = [{", "u = []\nwheels = [{"), twice), [desk.file("log.csv", [1])])
 
 
-def test_runs_are_named_by_numbers_patterns_and_folders(desk, make_run):
+def test_runs_are_selected_by_numbers_patterns_and_folders(desk, make_run):
     folder = desk.folder / "runs"
     folder.mkdir()
     paths = [write_run(make_run(N=5), folder / f"{k:04d}-a{k % 2}.mcap") for k in range(1, 7)]
@@ -319,7 +319,7 @@ def test_runs_are_named_by_numbers_patterns_and_folders(desk, make_run):
         find_all("90-95", folder)
 
 
-def test_a_part_that_names_another_folder_is_written_into_the_folder_that_was_asked_for(desk, monkeypatch):
+def test_split_values_cannot_write_outside_the_requested_folder(desk, monkeypatch):
     monkeypatch.chdir(desk.folder)
     log, by_map = desk.file("log.csv", ["x/../../../out", "\x1b[2Jb"]), desk.map(SPLIT)
     with pytest.raises(SystemExit) as exit_info:

@@ -21,7 +21,7 @@ recordings = pytest.mark.skipif(DATA is None, reason="recordings cpm_mucar, dart
     ("run", "rows", "new", "gaps", "start"),
     [("a", 3991, 3795, 10, 1557747108.5), ("b", 3035, 2380, 11, 1557750112.3)],
 )
-def test_the_cpm_runs_come_with_commands_sensors_and_camera(run, rows, new, gaps, start):
+def test_the_cpm_runs_are_imported_with_commands_sensors_and_camera(run, rows, new, gaps, start):
     imported_run, doubts = import_run(f"cpm_run_{run}")
     assert len(imported_run.t_ns) == rows - 1
     assert imported_run.t_ns[0] == round((start + 0.04) * NANOSECONDS)
@@ -35,7 +35,7 @@ def test_the_cpm_runs_come_with_commands_sensors_and_camera(run, rows, new, gaps
 
 
 @recordings
-def test_the_first_rows_of_a_cpm_run_are_what_the_file_says():
+def test_the_first_rows_of_a_cpm_run_match_the_file():
     run = import_run("cpm_run_a").run
     assert run.applied[0].tolist() == [0.1980667148, -0.5153769373]
     assert run.sensors["imu"].z[0].tolist() == [0.3, -1.36, -0.9304786575]
@@ -59,7 +59,7 @@ def test_the_gyro_leads_the_camera_by_less_than_its_clock_correction():
 
 
 @recordings
-def test_the_older_cpm_recording_comes_from_two_files():
+def test_the_older_cpm_recording_is_imported_from_two_files():
     run, doubts = import_run("cpm_pwm2018")
     assert run.t_ns[0] == 1_539_614_089_026_923_703
     assert run.applied.min(axis=0).tolist() == [-0.514831543, -0.9999389648]
@@ -82,7 +82,7 @@ def test_every_csv_of_the_dart_car_is_imported():
 
 
 @recordings
-def test_the_dart_bag_is_imported_and_kept(tmp_path):
+def test_the_dart_bag_is_imported_and_stored(tmp_path):
     run = import_run("dart_jetracer_bag").run
     assert len(run.t_ns) == 633
     assert len(run.truth.t_ns) == 6320

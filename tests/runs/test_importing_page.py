@@ -1,4 +1,4 @@
-"""docs/importing.md does what it says: its map, its vehicle file and its lines, on a recording made as it tells."""
+"""The map, the vehicle file and the commands of docs/importing.md work on a recording made as described."""
 
 import re
 import shlex
@@ -64,7 +64,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(folder, capsys):
+def test_the_commands_of_the_importing_page_give_runs_and_a_model(folder, capsys):
     run_line(of_page("sh", 0))
     runs = [read_run(path) for path in sorted(Path("trials").glob("*.mcap"))]
     assert [run.name for run in runs] == [f"trials-00{k}" for k in range(1, TRIALS + 1)]
@@ -94,7 +94,7 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(folder, capsys):
     assert Path("replayed.html").is_file()
 
 
-def test_the_line_of_the_page_for_counts_is_one_that_a_map_takes(folder):
+def test_the_counts_entry_of_the_importing_page_works_in_a_map(folder):
     (counts,) = re.findall(r"^# .*: (\{ column = \"left_counts\".*\})$", of_page("toml", 0), re.MULTILINE)
     text = Path("trials.toml").read_text(encoding="utf-8")
     rpm = '{ column = "left_rpm", unit = "rpm", radius_m = 0.03 }'
@@ -104,7 +104,7 @@ def test_the_line_of_the_page_for_counts_is_one_that_a_map_takes(folder):
     assert (entry.si, entry.wraps, entry.radius_m) == (pytest.approx(2.0 * np.pi / 600.0), 65536, 0.03)
 
 
-def test_every_key_of_a_map_is_on_the_page():
+def test_the_importing_page_lists_every_key_of_a_map():
     keys = ("path", "time_unit", "shift_s", "where", "new_when", "split_gap_s", "rate_hz", "repeats", "backwards",
             "topic", "delimiter", "decimal", "encoding", "header", "comment", "in_force", "wheels", "sample", "scale",
             "offset", "times", "derivative", "radius_m", "constant", "quaternion",

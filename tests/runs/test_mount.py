@@ -1,4 +1,4 @@
-"""Where a camera's mark sits on the vehicle: found by calibrate, written into the map, gone at the next import."""
+"""The position of a camera mark on the vehicle: calibrated, written to the map, removed at the next import."""
 
 import json
 import tomllib
@@ -78,7 +78,7 @@ def exit_code(*words):
     return exit_info.value.code
 
 
-def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_body(
+def test_calibrate_writes_the_camera_mount_that_the_next_import_removes(
     recording, tmp_path, monkeypatch, capsys
 ):
     folder, run = recording
@@ -111,7 +111,7 @@ def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_b
     assert rows["mark.x_m"]["value"] == pytest.approx(0.075, abs=0.006)  # the origin, ahead of the rear axle
 
 
-def test_a_mount_is_taken_away_from_pose_and_velocity():
+def test_pose_and_velocity_are_corrected_by_the_mount():
     rng, ahead, left = np.random.default_rng(1), 0.3, -0.2
     eta, nu = rng.normal(size=(20, 3)), rng.normal(size=(20, 3))
     c, s, w = np.cos(eta[:, 2]), np.sin(eta[:, 2]), nu[:, 2]
@@ -126,7 +126,7 @@ def test_a_mount_is_taken_away_from_pose_and_velocity():
     np.testing.assert_allclose(body_nu, nu, atol=1e-12)
 
 
-def test_two_mounts_one_after_the_other_are_one():
+def test_two_successive_mounts_equal_their_composition():
     first, second = Mount(0.01, (0.1, 0.2), 0.3), Mount(0.02, (-0.05, 0.07), -0.1)
     eta = np.random.default_rng(2).normal(size=(20, 3))
     unknown = np.full((20, 3), np.nan)
@@ -137,7 +137,7 @@ def test_two_mounts_one_after_the_other_are_one():
     assert first.composed_with(second).shift_s == pytest.approx(0.03)
 
 
-def test_a_lever_arm_without_a_heading_is_refused_with_what_to_type(recording, tmp_path):
+def test_a_lever_arm_without_a_heading_is_refused(recording, tmp_path):
     text = (
         MAP.replace('{ column = "psi", unit = "rad" }', "{ constant = nan }") + "lever_arm_m = [0.1, 0.0]\n"
     )

@@ -78,7 +78,7 @@ def check(run, topic, messages):
         )
 
 
-def test_the_mcap_reader_finds_every_topic_and_the_vehicle_file(run, path):
+def test_the_mcap_reader_lists_every_topic_and_the_vehicle_file(run, path):
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
@@ -114,7 +114,7 @@ def test_rosbags_decodes_every_message(run, path):
         check(run, topic, messages)
 
 
-def test_an_estimate_without_innovation_is_decoded_too(run, tmp_path):
+def test_an_estimate_without_innovation_is_decoded(run, tmp_path):
     quiet = replace(run, estimate=run.estimate._replace(innovation=None, innovation_cov=None))
     path = write_run(quiet, tmp_path / "x.mcap")
     _, _, first = next(messages_of(path, ["/estimate"]))
@@ -125,7 +125,7 @@ def test_an_estimate_without_innovation_is_decoded_too(run, tmp_path):
         assert len(reader.deserialize(raw, connection.msgtype).innovation_cov) == 0
 
 
-def test_every_definition_holds_all_it_needs():
+def test_every_message_definition_is_self_contained():
     for name, text in SCHEMAS.items():
         parts = text.split("=" * 80)
         definitions = {part.splitlines()[1].removeprefix("MSG: ") for part in parts[1:]}

@@ -31,7 +31,7 @@ def test_a_run_written_and_read_back_is_equal_bit_by_bit(run, tmp_path):
 
 @settings(max_examples=40)
 @given(u=hnp.arrays(float, (4, 2), elements=doubles), z=hnp.arrays(float, (4, 3), elements=doubles))
-def test_every_double_survives(tmp_path_factory, u, z):
+def test_every_double_is_read_back_exactly(tmp_path_factory, u, z):
     t_ns = np.array([1, 2, 5, 2**31 * 10**9 - 1])
     run = Run("x", None, t_ns, u, sensors={"imu": Channel(t_ns, t_ns, z)}, metadata={"a": "b"})
     assert read_run(write_run(run, tmp_path_factory.mktemp("runs") / "x.mcap")) == run
@@ -47,12 +47,12 @@ def test_every_double_survives(tmp_path_factory, u, z):
         {"vehicle_text": "", "metadata": {}},
     ],
 )
-def test_what_was_not_recorded_stays_absent(run, change, tmp_path):
+def test_data_that_were_not_recorded_stay_absent(run, change, tmp_path):
     run = replace(run, **change)
     assert read_run(write_run(run, tmp_path / "x.mcap")) == run
 
 
-def test_an_estimator_that_reports_no_innovation_is_read_back_so(run, tmp_path):
+def test_an_estimate_without_innovation_is_read_back_unchanged(run, tmp_path):
     for innovation in (None, run.estimate.innovation):
         quiet = replace(run, estimate=EstimateLog(*run.estimate[:4], innovation, None))
         assert read_run(write_run(quiet, tmp_path / f"{innovation is None}.mcap")) == quiet
@@ -67,7 +67,7 @@ def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
     assert read_back.duration_s == 0.0
 
 
-def test_runs_differ_by_one_bit_but_not_by_name(run):
+def test_runs_are_compared_by_bits_and_not_by_name(run):
     assert run == replace(run, name="other", path=None, notes=(note("run.metadata-lost"),))
     applied = run.applied.copy()
     applied[7, 1] = np.nextafter(applied[7, 1], 1e9)
@@ -76,7 +76,7 @@ def test_runs_differ_by_one_bit_but_not_by_name(run):
     assert run != "a run"
 
 
-def test_ticks_bring_the_newest_measurement_since_the_tick_before():
+def test_a_tick_contains_the_newest_measurement_since_the_previous_tick():
     t_ns = np.array([10, 20, 30, 40])
     arrival = np.array([5, 9, 20, 31, 39, 45])
     z = np.arange(6.0)[:, None]
@@ -111,7 +111,7 @@ def records(run, sensors):
         )
 
 
-def test_a_run_recorded_tick_by_tick_is_the_run_written_at_once(run, tmp_path):
+def test_a_run_recorded_by_ticks_equals_a_run_written_at_once(run, tmp_path):
     path = tmp_path / "folder" / "0001-live.mcap"
     with RunWriter(path, run.vehicle_text, run.metadata) as writer:
         for k, record in enumerate(records(run, run.sensors)):
@@ -124,7 +124,7 @@ def test_a_run_recorded_tick_by_tick_is_the_run_written_at_once(run, tmp_path):
     assert read_back.notes == ()
 
 
-def test_what_an_event_says_as_data_comes_back_as_it_was(run, tmp_path):
+def test_diagnostics_of_events_are_read_back_unchanged(run, tmp_path):
     cause = stop(StopReason.UNO_RESET, cause="brown-out")
     message = note("drive.line-in-trouble", Severity.WARNING, "look", lost=3, share=1.0 / 3.0, cause=cause)
     with RunWriter(tmp_path / "x.mcap", run.vehicle_text) as writer:
@@ -160,7 +160,7 @@ def test_ticks_without_controller_or_estimate_are_recorded(tmp_path):
     assert run.sent is None
 
 
-def test_what_has_a_wrong_shape_is_reported_once_and_the_rest_goes_on(tmp_path):
+def test_data_of_a_wrong_shape_are_reported_once_without_stopping_the_recording(tmp_path):
     path = tmp_path / "x.mcap"
     with RunWriter(path) as writer:
         for t_ns in range(0, 50, 10):
@@ -176,7 +176,7 @@ def test_what_has_a_wrong_shape_is_reported_once_and_the_rest_goes_on(tmp_path):
     assert [event.diagnostic.code for event in run.events] == ["run.not-packed"]
 
 
-def test_an_estimator_that_begins_to_report_innovations_is_filled_with_nan(tmp_path):
+def test_missing_early_innovations_are_filled_with_nan(tmp_path):
     path = tmp_path / "x.mcap"
     with RunWriter(path) as writer:
         for t_ns, extra in ((0, ()), (10, (np.ones(3), np.eye(3)))):
@@ -191,7 +191,7 @@ def test_an_estimator_that_begins_to_report_innovations_is_filled_with_nan(tmp_p
     assert innovation[1].tolist() == [1.0, 1.0, 1.0]
 
 
-def test_an_exception_is_reported_in_the_run_and_passes(tmp_path):
+def test_an_exception_is_logged_in_the_run_and_raised_again(tmp_path):
     path = tmp_path / "x.mcap"
     tick = SimpleNamespace(tick=silent_tick(5), requested=None, command=None, estimate=None, reference=None)
 
@@ -207,7 +207,7 @@ def test_an_exception_is_reported_in_the_run_and_passes(tmp_path):
     assert run.events == (Event(5, "error", "run writer", "ended by ZeroDivisionError: a block's"),)
 
 
-def test_runs_are_never_written_over(run, tmp_path):
+def test_existing_runs_are_never_overwritten(run, tmp_path):
     write_run(run, tmp_path / "x.mcap")
     with refused("runs.run-there", FileError):
         write_run(run, tmp_path / "x.mcap")
@@ -221,7 +221,7 @@ def test_a_run_before_1970_is_refused(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_metadata_is_text(run, tmp_path):
+def test_metadata_must_be_text(run, tmp_path):
     with refused("runs.metadata", UsageError, key="seed", value="7"):
         write_run(replace(run, metadata={"seed": 7}), tmp_path / "x.mcap")
 

@@ -1,4 +1,4 @@
-"""Routes of poses over the way, by hand or from another program."""
+"""Routes of poses over distance, written by hand or by another program."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def written_route(path, rows, head=HEAD):
 
 
 @pytest.mark.parametrize("route", [circle(0.5, 0.2), eight(0.6, 0.2), rectangle(1.2, 0.8, 0.2, 0.2)])
-def test_a_drawn_route_over_its_way_is_the_route_over_time(tmp_path, route):
+def test_a_route_over_distance_equals_the_route_over_time(tmp_path, route):
     rows = np.column_stack([way(route.eta[:, :2]), route.eta, route.nu[:, 0]]).tolist()
     second = read_route(written_route(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
     np.testing.assert_array_equal(second.eta, route.eta)
@@ -29,7 +29,7 @@ def test_a_drawn_route_over_its_way_is_the_route_over_time(tmp_path, route):
     assert np.median(np.abs(second.nu[:, 2] - route.nu[:, 2])) < 1e-3
 
 
-def test_a_speed_profile_a_stop_and_a_turn_on_the_spot_take_their_time(tmp_path):
+def test_speed_profile_stop_and_turn_in_place_have_correct_durations(tmp_path):
     rows = [
         "0,0,0,0,0,0",
         "0.1,0.1,0,0,0.2,0",
@@ -53,6 +53,6 @@ def test_a_speed_profile_a_stop_and_a_turn_on_the_spot_take_their_time(tmp_path)
         ("route.too-short", ["0,0,0,0,0.2"]),
     ],
 )
-def test_what_is_no_route_is_refused(tmp_path, code, rows):
+def test_an_invalid_route_over_distance_is_refused(tmp_path, code, rows):
     with refused(code, FileError):
         read_route(written_route(tmp_path / "r.csv", rows))

@@ -1,4 +1,4 @@
-"""Signed permutations and units of channels are found, and what moves slowly by chance is no relation."""
+"""Signed permutations and units of channels are identified; slow signals that correlate by chance are not."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def slow(rng, *shape, a=0.9):
 @pytest.mark.parametrize("is_swapped", [False, True])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("ratio", [1.0, *(r for r in UNITS if r != 1000.0 / 9.80665)])
-def test_a_signed_permutation_and_a_unit_are_found(is_swapped, sign, ratio):
+def test_signed_permutations_and_units_are_identified(is_swapped, sign, ratio):
     h = slow(np.random.default_rng(1), 300, 2)
     z = (h[:, ::-1] if is_swapped else h) * sign * ratio + 0.1 * ratio * np.random.default_rng(2).normal(
         size=(300, 2)
@@ -31,7 +31,7 @@ def test_a_signed_permutation_and_a_unit_are_found(is_swapped, sign, ratio):
         assert channel.ratio == ratio
 
 
-def test_signals_that_move_slowly_are_related_by_chance_in_one_case_of_a_hundred_at_most():
+def test_slow_unrelated_signals_are_related_by_chance_in_one_percent():
     """Of 400 that have nothing in common, one of seven correlates beyond 0.3; two count as related."""
     relations = [relation(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)]
     assert sum(abs(pair.correlation) > 0.3 for pair in relations) > 40

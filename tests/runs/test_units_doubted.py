@@ -1,4 +1,4 @@
-"""Mistakes of units at import: each is told with the line to write, at 10 Hz as at 50; a sound recording is not."""
+"""Wrong units at import: each is reported with a remedy, at 10 Hz and at 50 Hz; a sound recording gives no warning."""
 
 import re
 from typing import Any
@@ -64,7 +64,7 @@ z = [ {{ column = "ax", unit = "{texts["acceleration"]}" }}, {{ column = "ay", u
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("odometer", [True, False])
-def test_a_sound_recording_of_a_car_is_not_doubted(tmp_path, rate, odometer):
+def test_a_sound_recording_of_a_car_gives_no_unit_warning(tmp_path, rate, odometer):
     assert "warning" not in import_message(tmp_path, rate, odometer)
     assert "write" not in import_message(tmp_path, rate, odometer)
 
@@ -79,19 +79,19 @@ SCALED = {
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("mistake", SCALED)
-def test_a_sensor_in_another_unit_is_reported_where_a_speed_is_known(tmp_path, mistake, rate):
+def test_a_sensor_in_a_wrong_unit_is_reported_by_the_speed(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
     assert line in import_message(tmp_path, rate, True, change, **units)
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("mistake", ["accelerometer in g", "gyro in deg/s", "gyro is SI"])
-def test_and_by_what_a_sensor_does_at_rest_and_in_curves_where_none_is(tmp_path, mistake, rate):
+def test_a_wrong_unit_is_reported_without_a_speed_sensor(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
     assert line in import_message(tmp_path, rate, False, change, **units)
 
 
-def test_a_gyro_in_degrees_is_reported_though_it_turns_slowly(tmp_path):
+def test_a_slow_gyro_in_degrees_is_reported(tmp_path):
     message = import_message(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
     assert "before the first command; small gyros have less noise" in message
     assert 'write unit = "deg/s"' in message
@@ -109,18 +109,18 @@ def test_milliseconds_and_microseconds_for_seconds_are_reported(tmp_path, rate, 
 @pytest.mark.parametrize(
     ("factor", "time_unit", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")]
 )
-def test_id2_any_unit_of_time_for_another_is_reported(tmp_path, rate, factor, time_unit, true):
+def test_id2_every_wrong_unit_of_time_is_reported(tmp_path, rate, factor, time_unit, true):
     message = import_message(tmp_path, rate, change={"t": lambda t: factor * t}, time=time_unit)
     assert f'time_unit = "{true}"' in message
 
 
 @pytest.mark.parametrize("rate", [1.0, 0.5])
-def test_of_a_slow_log_the_unit_is_reported_by_how_long_it_would_last(tmp_path, rate):
+def test_the_time_unit_of_a_slow_log_is_reported_by_its_duration(tmp_path, rate):
     """In µs thirty rows would last 30 ms, and no recording of a vehicle is that short."""
     assert 'time_unit = "ms"' in import_message(tmp_path, rate, change={"t": lambda t: 1e3 * t})
 
 
-def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_not_a_nonsense(tmp_path):
+def test_milliseconds_of_a_1000_hz_log_given_as_seconds_are_reported(tmp_path):
     message = import_message(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
     assert "a tick lasts 1 s" in message
     assert 'time_unit = "ms"' in message
@@ -138,9 +138,7 @@ def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_
         (lambda u: u, "%", 'write unit = "1"'),
     ],
 )
-def test_a_command_in_another_unit_is_reported_by_the_full_scale_of_the_whole_vehicle(
-    tmp_path, convert, unit, line
-):
+def test_a_command_in_a_wrong_unit_is_reported_by_its_full_scale(tmp_path, convert, unit, line):
     message = import_message(tmp_path, change={"throttle": convert, "servo": convert}, duty=unit)
     assert message.startswith("refused")
     assert line in message
@@ -148,8 +146,8 @@ def test_a_command_in_another_unit_is_reported_by_the_full_scale_of_the_whole_ve
 
 @pytest.mark.parametrize("largest", [1.3, 2.9, 3.1, 4.0, 7.0, 8.0, 90.0])
 @pytest.mark.parametrize("duty", ["1", "%"])
-def test_the_line_for_a_command_is_taken_by_the_import_that_asks_for_it(tmp_path, largest, duty):
-    """Also of a set-point in m/s, whose full scale no unit tells."""
+def test_the_import_accepts_its_own_remedy_for_a_command_unit(tmp_path, largest, duty):
+    """Also for a set-point in m/s, whose full scale does not follow from its unit."""
 
     def commanded(**units):
         at = {name: largest / np.max(np.abs(car(10.0)[name])) for name in ("throttle", "servo")}
@@ -168,20 +166,20 @@ def test_the_line_for_a_command_is_taken_by_the_import_that_asks_for_it(tmp_path
         assert not after.startswith("refused"), (unit, scale, after)
 
 
-def test_a_throttle_that_is_a_part_beside_a_servo_in_per_cent_is_reported(tmp_path):
+def test_a_throttle_fraction_given_as_percent_is_reported(tmp_path):
     message = import_message(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
     assert "(throttle) reaches 0.00" in message
     assert 'write unit = "1"' in message
 
 
-def test_a_cure_of_several_entries_is_reported_once(tmp_path):
+def test_a_remedy_for_several_entries_is_reported_once(tmp_path):
     message = import_message(tmp_path, change={"throttle": lambda u: 250.0 * u, "servo": lambda u: 250.0 * u})
     assert message.count("0.00392157") == 1
     assert "(throttle)" in message
     assert "(servo)" in message
 
 
-def test_many_doubts_of_a_kind_are_one_line(tmp_path):
+def test_many_warnings_of_the_same_kind_are_one_line(tmp_path):
     def with_gaps(t: np.ndarray) -> np.ndarray:
         return t + 0.3 * (np.arange(len(t)) // 20)
 

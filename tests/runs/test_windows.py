@@ -1,4 +1,4 @@
-"""Means over windows of time, of what was measured in each."""
+"""Means over time windows of the measurements in each window."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 
-def test_windows_without_rows_are_none_and_what_is_missing_counts_for_nothing():
+def test_empty_windows_are_omitted_and_missing_values_are_ignored():
     t_ns = (np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.1]) * NANOSECONDS).astype(np.int64)
     z = np.array([[1.0, 5.0], [3.0, np.nan], [4.0, 2.0], [8.0, 4.0], [7.0, np.nan], [9.0, np.nan]])
     numbers, mean = means(Channel(t_ns, t_ns, z), 0, 0.2)
@@ -15,7 +15,7 @@ def test_windows_without_rows_are_none_and_what_is_missing_counts_for_nothing():
     np.testing.assert_array_equal(mean, [[2.0, 5.0], [6.0, 3.0], [8.0, np.nan]])
 
 
-def test_windows_of_two_channels_are_the_same_where_their_origin_is():
+def test_two_channels_with_the_same_origin_have_the_same_windows():
     t_ns = (np.arange(20) * NANOSECONDS // 10).astype(np.int64)
     late = t_ns + NANOSECONDS // 20
     first, second = (means(Channel(t, t, t[:, None] * 1.0), 0, 0.5)[0] for t in (t_ns, late))

@@ -111,14 +111,14 @@ def differences(f, x, h=1e-5):
 @names
 @QUICK
 @given(x=arrays(float, 11, elements=st.floats(-2.0, 2.0)))
-def test_the_measurement_by_dual_numbers(name, x):
+def test_measurement_derivatives_by_dual_numbers_match_differences(name, x):
     def h(x):
         return SENSORS[name].h(Motion(x[:3], x[3:6], x[6:9], x[9:]))
 
     assert jacobian(h)(x) == pytest.approx(differences(h, x), abs=1e-7, rel=1e-7)
 
 
-def test_every_parameter_of_the_belief_in_an_imu_can_be_derived():
+def test_every_parameter_of_the_imu_model_has_a_derivative():
     paths = ["accel_bias[0]", "accel_bias[1]", "gyro_bias", "accel_scale[0]", "accel_scale[1]", "gyro_scale"]
     paths += ["lever_arm_m[0]", "lever_arm_m[1]", "tilt_rad[0]", "tilt_rad[1]", "temperature_c"]
     paths += ["accel_temperature_slope[1]", "gyro_temperature_slope"]
@@ -135,4 +135,4 @@ def test_every_parameter_of_the_belief_in_an_imu_can_be_derived():
 
     slope = jacobian(h)(start)
     assert slope == pytest.approx(differences(h, start), abs=1e-7, rel=1e-7)
-    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each parameter has an effect"

@@ -23,7 +23,7 @@ def readings_of(encoders, motions, dt_s=0.01):
     return np.array(z), np.array(age_s)
 
 
-def test_a_reading_is_whole_counts_over_its_time_and_half_of_that_time_old():
+def test_a_reading_is_integer_counts_over_time_with_half_that_age():
     """5 mm a count, read at 20 Hz: 0.23 m/s are 2.3 counts in 50 ms, so 2, 2, 2, 3 …"""
     z, age_s = readings_of(Encoders(track_m=0.1, count_m=0.005, rate_hz=20.0), [rolling(0.23)] * 100)
     counts = z[:, 0] * 0.05 / 0.005
@@ -32,14 +32,14 @@ def test_a_reading_is_whole_counts_over_its_time_and_half_of_that_time_old():
     assert age_s == pytest.approx(np.full(20, 0.025))
 
 
-def test_the_way_that_was_counted_is_never_off_by_more_than_a_count():
+def test_the_counted_distance_has_at_most_one_count_of_error():
     speeds = 0.3 + 0.25 * np.sin(np.linspace(0.0, 12.0, 1000))
     z, _ = readings_of(Encoders(track_m=0.1, count_m=0.005, rate_hz=100.0), [rolling(v) for v in speeds])
     assert np.abs(np.cumsum(z[:, 0]) - np.cumsum(speeds)).max() * 0.01 <= 0.005
 
 
 @pytest.mark.parametrize("speed", [0.4, -0.4])
-def test_a_counter_that_begins_again_is_not_a_leap_forward_or_backward(speed):
+def test_a_counter_overflow_is_not_a_jump(speed):
     """A counter of 16: 0.4 m/s are 4 counts of 1 mm in 10 ms, and it begins again every 40 ms."""
     z, _ = readings_of(
         Encoders(track_m=0.1, count_m=0.001, counter=16.0, rate_hz=100.0), [rolling(speed)] * 60
@@ -52,7 +52,7 @@ def test_in_a_left_turn_the_right_wheel_counts_more():
     assert z[-1] == pytest.approx([0.38, 0.62], abs=1e-3)
 
 
-def test_the_covariance_is_that_of_two_roundings_and_what_one_has_too_much_the_next_has_too_little():
+def test_encoder_noise_has_rounding_covariance_and_negative_correlation():
     """Speeds that drift through the counts: variance c²/(6 δ²), correlation of neighbours −½, as (3) says."""
     encoders = Encoders(track_m=0.1, count_m=0.004, rate_hz=50.0)
     speeds = np.linspace(0.0, 0.8, 20_000)
@@ -62,5 +62,5 @@ def test_the_covariance_is_that_of_two_roundings_and_what_one_has_too_much_the_n
     assert np.mean(error[1:] * error[:-1]) / error.var() == pytest.approx(-0.5, abs=0.05)
 
 
-def test_encoders_are_a_sensor_like_the_others():
+def test_encoders_pass_the_sensor_check():
     assert check_sensor(Encoders(track_m=0.12, count_m=0.001)) == []

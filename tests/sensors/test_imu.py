@@ -1,4 +1,4 @@
-"""The IMU: what an accelerometer feels, by hand; then every error of a cheap chip alone."""
+"""The IMU: hand calculations of the accelerometer, then each error of a cheap chip alone."""
 
 import numpy as np
 import pytest
@@ -27,12 +27,12 @@ def reading_of(imu, motion_read, noise=QUIET, dt_s=0.01):
     return slot.z
 
 
-def test_a_steady_circle_feels_v_omega_to_the_left():
+def test_a_steady_circle_gives_v_omega_to_the_left():
     assert Imu().h(motion(nu=[0.3, 0.0, 2.0])) == pytest.approx([0.0, 0.6, 2.0])
     assert Imu().h(motion(nu=[0.3, 0.0, -2.0])) == pytest.approx([0.0, -0.6, -2.0])
 
 
-def test_a_car_in_a_steady_circle_feels_v_omega_and_no_more():
+def test_a_car_in_a_steady_circle_measures_only_v_omega():
     car = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3, linear_drag=4.0)
     state = car.init()
     for _ in range(300):
@@ -41,21 +41,21 @@ def test_a_car_in_a_steady_circle_feels_v_omega_and_no_more():
     assert Imu().h(motion_) == pytest.approx([0.0, v * omega, omega], abs=1e-4)
 
 
-def test_speeding_up_presses_into_the_seat():
+def test_a_forward_acceleration_is_measured_forward():
     assert Imu().h(motion(nu_dot=[1.5, 0.0, 0.0])) == pytest.approx([1.5, 0.0, 0.0])
 
 
-def test_at_rest_nose_uphill_it_feels_g_sin_alpha_forward():
+def test_an_uphill_imu_at_rest_measures_g_sin_alpha_forward():
     assert Imu().h(motion(gravity=[-G * np.sin(0.1), 0.0])) == pytest.approx([G * np.sin(0.1), 0.0, 0.0])
 
 
-def test_rolling_freely_down_a_slope_it_feels_nothing():
+def test_an_imu_rolling_freely_downhill_measures_zero():
     p = Planar(1.0, 1.0, np.eye(3), slope_rad=0.3, slope_heading_rad=1.0)
     _, motion_ = p.step(p.init(), np.zeros(3), 0.01, np.zeros(3))
     assert Imu().h(motion_) == pytest.approx(np.zeros(3), abs=1e-12)
 
 
-def test_ahead_of_the_axis_of_a_spin_it_is_pulled_backwards_and_swung_left():
+def test_an_imu_ahead_of_the_axis_measures_centripetal_and_tangential_acceleration():
     """5 cm ahead, 2 rad/s and 3 rad/s²: −0.05·4 = −0.2 and 0.05·3 = 0.15 m/s²."""
     imu = Imu(lever_arm_m=np.array([0.05, 0.0]))
     spin = motion(nu=[0.0, 0.0, 2.0], nu_dot=[0.0, 0.0, 3.0])
@@ -64,7 +64,7 @@ def test_ahead_of_the_axis_of_a_spin_it_is_pulled_backwards_and_swung_left():
     assert left.h(spin) == pytest.approx([-0.15, -0.2, 2.0])
 
 
-def test_nose_down_mounting_reads_gravity_backwards_and_left_side_up_reads_it_to_the_left():
+def test_a_tilted_imu_measures_a_component_of_gravity():
     pitched = Imu(tilt_rad=np.array([0.0, 0.02]))
     assert pitched.h(motion()) == pytest.approx([-G * np.sin(0.02), 0.0, 0.0])
     tilted = Imu(tilt_rad=np.array([0.02, 0.0]))
@@ -73,7 +73,7 @@ def test_nose_down_mounting_reads_gravity_backwards_and_left_side_up_reads_it_to
 
 @QUICK
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), arrays(float, 2, elements=st.floats(-3.0, 3.0)))
-def test_a_tilted_imu_is_a_rotated_one(roll, pitch, force):
+def test_a_tilted_imu_equals_a_rotation_matrix(roll, pitch, force):
     c, s = np.cos, np.sin
     about_x = np.array([[1, 0, 0], [0, c(roll), -s(roll)], [0, s(roll), c(roll)]])
     about_y = np.array([[c(pitch), 0, s(pitch)], [0, 1, 0], [-s(pitch), 0, c(pitch)]])
@@ -83,7 +83,7 @@ def test_a_tilted_imu_is_a_rotated_one(roll, pitch, force):
     assert z[2] == pytest.approx((imu_from_body @ [0.0, 0.0, 1.5])[2], abs=1e-12)
 
 
-def test_what_it_feels_is_the_second_derivative_of_where_it_is():
+def test_imu_acceleration_is_the_second_derivative_of_its_position():
     """The path of the chip itself, differenced twice and turned into the body, against (1) and (2)."""
     p = Planar(
         2.0,
@@ -107,31 +107,31 @@ def test_what_it_feels_is_the_second_derivative_of_where_it_is():
 
 @QUICK
 @given(arrays(float, 3, elements=st.floats(-3.0, 3.0)), arrays(float, 3, elements=st.floats(-3.0, 3.0)))
-def test_the_papers_h_is_as_printed_for_any_mounting(nu, nu_dot):
+def test_the_paper_measurement_function_is_as_printed_for_any_mounting(nu, nu_dot):
     imu = Imu(measurement_model="paper", lever_arm_m=np.array([0.05, 0.01]), tilt_rad=np.array([0.1, 0.1]))
     z = imu.h(motion(nu, nu_dot, gravity=[1.0, 1.0]))
     assert z == pytest.approx([nu_dot[0], nu_dot[1], nu[2]])
 
 
-def test_the_papers_h_misses_six_tenths_in_a_circle_of_the_small_vehicle():
+def test_the_paper_measurement_function_omits_the_centripetal_acceleration():
     """0.3 m/s and 2 rad/s (errata 3)."""
     motion_ = motion(nu=[0.3, 0.0, 2.0])
     missing = Imu().h(motion_) - Imu(measurement_model="paper").h(motion_)
     assert missing == pytest.approx([0.0, 0.6, 0.0])
 
 
-def test_a_bias_is_added():
+def test_a_bias_is_added_to_the_reading():
     imu = Imu(accel_bias=np.array([0.1, -0.2]), gyro_bias=0.03)
     assert reading_of(imu, motion()) == pytest.approx([0.1, -0.2, 0.03])
 
 
-def test_a_scale_multiplies_what_is_felt_and_not_the_bias():
+def test_a_scale_multiplies_the_signal_and_not_the_bias():
     imu = Imu(accel_scale=np.array([1.1, 0.9]), gyro_scale=1.03, gyro_bias=0.5)
     motion_ = motion(nu=[0.0, 0.0, 2.0], nu_dot=[1.0, 1.0, 0.0])
     assert reading_of(imu, motion_) == pytest.approx([1.1, 0.9, 2.56])
 
 
-def test_a_warm_chip_has_another_bias():
+def test_the_bias_depends_on_the_temperature():
     imu = Imu(
         temperature_c=35.0,
         temperature_reference_c=25.0,
@@ -141,14 +141,14 @@ def test_a_warm_chip_has_another_bias():
     assert reading_of(imu, motion()) == pytest.approx([0.1, -0.2, 0.03])
 
 
-def test_noise_is_its_std_times_the_unit_normal_that_comes_in():
+def test_noise_is_its_std_times_the_given_unit_normal():
     imu = Imu(accel_noise_std=np.array([0.1, 0.2]), gyro_noise_std=0.01)
     noise = np.array([1.0, -2.0, 3.0, 9.0, 9.0, 9.0])
     assert reading_of(imu, motion(), noise) == pytest.approx([0.1, -0.4, 0.03])
 
 
 @pytest.mark.parametrize("dt_s", [0.01, 0.04])
-def test_a_bias_walks_by_std_times_root_dt_and_stays_where_it_came(dt_s):
+def test_a_bias_walk_step_is_std_times_root_dt(dt_s):
     imu = Imu(accel_bias_walk=0.1, gyro_bias_walk=0.02, rate_hz=1.0 / dt_s)
     state, step = imu.init(), np.array([0.0, 0.0, 0.0, 1.0, -1.0, 2.0])
     for _ in range(2):
@@ -159,7 +159,7 @@ def test_a_bias_walks_by_std_times_root_dt_and_stays_where_it_came(dt_s):
     assert slot.z == pytest.approx(expected)
 
 
-def test_beyond_its_range_it_reads_the_end_of_it():
+def test_beyond_its_range_an_imu_saturates():
     imu = Imu(accel_limit=19.6, gyro_limit=8.7)
     assert reading_of(imu, motion(nu=[0, 0, -12.0], nu_dot=[30.0, -30.0, 0.0])) == pytest.approx(
         [19.6, -19.6, -8.7]
@@ -178,14 +178,14 @@ def test_the_converter_rounds_to_its_steps():
     )
 
 
-def test_noise_is_rounded_and_cut_too():
+def test_noise_is_rounded_and_saturated_too():
     imu = Imu(accel_noise_std=np.array([1.0, 1.0]), accel_limit=2.0, accel_step=0.5)
     assert reading_of(imu, motion(), np.array([9.0, 0.7, 0.0, 0.0, 0.0, 0.0])) == pytest.approx(
         [2.0, 0.5, 0.0]
     )
 
 
-def test_q_is_the_noise_squared_unless_a_fit_said_otherwise():
+def test_q_is_the_squared_noise_unless_given_by_a_fit():
     imu = Imu(accel_noise_std=np.array([0.1, 0.2]), gyro_noise_std=0.01)
     assert imu.cov == pytest.approx(np.diag([0.01, 0.04, 1e-4]))
     Q = np.diag([1.0, 2.0, 3.0])
@@ -224,12 +224,12 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, make):
+def test_impossible_imu_parameters_are_refused(code, figures, make):
     with refused(code, ValueError, **figures):
         make()
 
 
-def test_an_imu_that_is_turned_a_quarter_to_the_left_feels_forward_on_its_right():
+def test_an_imu_rotated_left_by_90_degrees_measures_forward_on_minus_y():
     """Its own x looks to the vehicle's left: it feels y there, and −x along its y."""
     motion_ = Motion(np.zeros(3), np.zeros(3), np.array([2.0, 0.5, 0.0]), np.zeros(2))
     assert Imu(heading_rad=np.pi / 2).h(motion_) == pytest.approx([0.5, -2.0, 0.0])

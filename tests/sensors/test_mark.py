@@ -20,7 +20,7 @@ def readings_of(mark, places, noise=0.0):
     return readings
 
 
-def test_a_line_is_passed_once_and_says_how_far_beyond_it_the_vehicle_is():
+def test_a_mark_gives_one_reading_with_the_distance_beyond():
     mark = Mark(point_m=np.array([1.0, 0.0]))
     assert readings_of(mark, [(0.9, 0.0), (0.98, 0.0), (1.02, 0.0), (1.1, 0.0)]) == [
         (0.0, 0.0),
@@ -30,7 +30,7 @@ def test_a_line_is_passed_once_and_says_how_far_beyond_it_the_vehicle_is():
     ]
 
 
-def test_a_line_is_not_passed_backward_nor_beside_it_nor_by_leaving_it():
+def test_a_mark_is_not_read_backward_beside_or_at_start():
     mark = Mark(half_width_m=0.3)
     assert not any(has for has, _ in readings_of(mark, [(0.1, 0.0), (-0.1, 0.0)]))
     assert not any(has for has, _ in readings_of(mark, [(-0.1, 0.5), (0.1, 0.5)]))
@@ -44,7 +44,7 @@ def test_a_line_that_is_passed_northward_measures_north():
     assert mark.h(at(5.0, 2.25)) == pytest.approx([0.25])
 
 
-def test_the_noise_of_a_mark_is_its_std_times_the_unit_normal():
+def test_mark_noise_is_its_std_times_the_unit_normal():
     assert readings_of(Mark(noise_std=0.01), [(-1.0, 0.0), (0.0, 0.0)], noise=2.0)[1] == (
         1.0,
         pytest.approx(0.02),
@@ -53,5 +53,5 @@ def test_the_noise_of_a_mark_is_its_std_times_the_unit_normal():
     assert Mark(measurement_noise_cov=np.eye(1)).cov == pytest.approx(np.eye(1))
 
 
-def test_a_mark_is_a_sensor_like_the_others():
+def test_a_mark_passes_the_sensor_check():
     assert check_sensor(Mark()) == []

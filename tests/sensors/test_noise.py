@@ -27,21 +27,21 @@ def white() -> np.ndarray:
     return record(imu, seed=1) / np.array([0.15, 0.2, 0.005])
 
 
-def test_white_noise_has_no_mean(white):
+def test_white_noise_has_zero_mean(white):
     assert np.all(np.abs(white.mean(0)) * np.sqrt(N) < NORMAL_1E_4)
 
 
-def test_white_noise_has_its_std(white):
+def test_white_noise_has_the_given_std(white):
     """Σ z² is χ² with N degrees: normal within 3.89 √(2N) of N at N = 4000."""
     assert np.all(np.abs(np.square(white).sum(0) - N) < NORMAL_1E_4 * np.sqrt(2 * N))
 
 
-def test_white_noise_forgets_at_once(white):
+def test_white_noise_has_no_autocorrelation(white):
     r = (white[1:] * white[:-1]).mean(0)
     assert np.all(np.abs(r) * np.sqrt(N - 1) < NORMAL_1E_4)
 
 
-def test_the_channels_do_not_know_of_each_other(white):
+def test_noise_channels_are_uncorrelated(white):
     r = np.array([(white[:, i] * white[:, j]).mean() for i, j in ((0, 1), (0, 2), (1, 2))])
     assert np.all(np.abs(r) * np.sqrt(N) < NORMAL_1E_4)
 
@@ -61,7 +61,7 @@ def test_a_bias_walk_grows_with_the_root_of_time_for_any_ticks(dt_s):
     assert np.all(np.abs((steps[1:] * steps[:-1]).mean(0)) * np.sqrt(N - 1) < NORMAL_1E_4)
 
 
-def test_averaging_beats_white_noise_down_until_the_bias_walks():
+def test_averaging_reduces_white_noise_until_the_bias_walk_dominates():
     """As an Allan plot is read: σ/√n for the mean of n readings of white noise, a rise where the bias walks.
     400 blocks of 10 readings, bounds at 10⁻⁴ from χ² with 399 degrees; then 10 of 400, where the walk's part
     is 365 times that of the noise (false-alarm rate of the factor 3 below 10⁻⁴)."""

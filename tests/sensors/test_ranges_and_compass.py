@@ -1,4 +1,4 @@
-"""Ranges to a beacon and to a wall, and a compass: by hand, with a pencil."""
+"""Ranges to a beacon and to a wall, and a compass: hand calculations."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def reading_of(sensor, motion, noise=0.0):
 WALL = {"wall_point_m": np.array([2.0, 0.0]), "wall_heading_rad": 0.0, "rate_hz": 100.0}
 
 
-def test_a_beacon_three_metres_east_and_four_north_is_five_away_and_reads_its_offset_more():
+def test_a_beacon_measures_the_distance_plus_its_offset():
     assert Beacon(point_m=np.array([3.0, 4.0])).h(at(0.0, 0.0)) == pytest.approx([5.0], abs=1e-6)
     assert Beacon(point_m=np.array([3.0, 4.0]), offset_m=0.2).h(at(3.0, 0.0)) == pytest.approx(
         [4.2], abs=1e-6
@@ -31,13 +31,13 @@ def test_a_beacon_three_metres_east_and_four_north_is_five_away_and_reads_its_of
     assert high.h(at(0.0, 0.0)) == pytest.approx([5.0], abs=1e-6)
 
 
-def test_a_receiver_ahead_of_the_origin_is_nearer_to_what_lies_ahead():
+def test_a_receiver_ahead_of_the_origin_measures_a_shorter_range():
     """0.1 m ahead; the vehicle points north, the beacon lies 2 m north of it."""
     beacon = Beacon(point_m=np.array([1.0, 2.0]), lever_arm_m=np.array([0.1, 0.0]))
     assert beacon.h(at(1.0, 0.0, np.pi / 2)) == pytest.approx([1.9], abs=1e-6)
 
 
-def test_a_beacon_out_of_reach_is_silent():
+def test_a_beacon_out_of_range_is_silent():
     beacon = Beacon(point_m=np.array([3.0, 0.0]), farthest_m=2.0, rate_hz=100.0)
     assert reading_of(beacon, at(0.0, 0.0)) == (0.0, 0.0)
     assert reading_of(beacon, at(2.0, 0.0))[0] == 1.0
@@ -67,7 +67,7 @@ def test_a_wall_two_metres_ahead_is_farther_along_a_slanting_beam():
         ((0.0, 1.2, -0.2), 1.0),  # slanting, the beam meets it: 1.2 − 2 tan 0.2 = 0.79
     ],
 )
-def test_a_rangefinder_speaks_where_its_beam_meets_the_wall(pose, has):
+def test_a_rangefinder_answers_only_if_its_beam_meets_the_wall(pose, has):
     assert reading_of(Rangefinder(half_width_m=1.0, **WALL), at(*pose))[0] == has
 
 
@@ -79,7 +79,7 @@ def test_a_compass_reads_the_heading_and_is_wrapped():
     assert compass.difference(np.array([3.1]), np.array([-3.1])) == pytest.approx([wrap(6.2)])
 
 
-def test_iron_ahead_draws_the_needle_ahead():
+def test_iron_ahead_deflects_the_compass():
     """Half a field of iron ahead: the field is (0.5, −1) at a true heading of 90°, which reads atan2(1, 0.5)."""
     compass = Compass(iron=np.array([0.5, 0.0]))
     assert compass.h(at(0.0, 0.0, np.pi / 2)) == pytest.approx([np.arctan2(1.0, 0.5)])
@@ -89,7 +89,7 @@ def test_iron_ahead_draws_the_needle_ahead():
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_late_compass_is_read_across_half_a_turn_the_short_way(side):
+def test_a_delayed_compass_is_interpolated_across_pi(side):
     compass = Compass(rate_hz=100.0, delay_s=0.025, delay_slots=3)
     state, late = compass.init(), []
     for k in range(60):
@@ -109,7 +109,7 @@ def test_a_late_compass_is_read_across_half_a_turn_the_short_way(side):
         Compass(iron=np.array([0.2, 0.1])),
     ],
 )
-def test_each_is_a_sensor_like_the_others(sensor):
+def test_beacon_rangefinder_and_compass_pass_the_sensor_check(sensor):
     assert check_sensor(sensor) == []
 
 

@@ -25,7 +25,7 @@ names = pytest.mark.parametrize("name", SENSORS)
 
 
 def moving(t_s: float) -> Motion:
-    """A speed that tells the time: ν = (t, 0, t), at the pose (t, 0, 0)."""
+    """A speed that contains the time: ν = (t, 0, t), at the pose (t, 0, 0)."""
     return Motion(np.array([t_s, 0.0, 0.0]), np.array([t_s, 0.0, t_s]), np.zeros(3), np.zeros(2))
 
 
@@ -42,7 +42,7 @@ def answers(sensor, ticks=200, dt_ns=10_000_000):
 
 
 @names
-def test_a_sensor_at_the_rate_of_the_ticks_answers_at_each(name):
+def test_a_sensor_at_the_tick_rate_answers_at_each_tick(name):
     has, _ = answers(SENSORS[name](rate_hz=100.0), ticks=2000)
     assert np.all(has == 1.0)
 
@@ -56,14 +56,14 @@ def test_a_sensor_at_half_the_rate_answers_at_every_second_tick(name):
 
 @QUICK
 @given(st.integers(1, 400), st.integers(1, 400))
-def test_a_sensor_answers_as_often_as_its_rate_says_and_never_twice_a_tick(rate_hz, tick_hz):
+def test_a_sensor_answers_at_its_rate_and_never_twice_a_tick(rate_hz, tick_hz):
     has, _ = answers(Odometer(rate_hz=float(rate_hz)), ticks=150, dt_ns=round(1e9 / tick_hz))
     expected = 150 * min(rate_hz / tick_hz, 1.0)
     assert abs(has.sum() - expected) <= 1.0
     assert set(has) <= {0.0, 1.0}
 
 
-def test_a_sensor_keeps_its_rate_when_ticks_come_unevenly():
+def test_a_sensor_has_its_rate_with_irregular_ticks():
     sensor, t_ns, count = Odometer(rate_hz=40.0), 0, 0.0
     state = sensor.init()
     for dt_ns in np.random.default_rng(5).integers(5_000_000, 15_000_000, 1000).tolist():
@@ -75,7 +75,7 @@ def test_a_sensor_keeps_its_rate_when_ticks_come_unevenly():
 
 @names
 @pytest.mark.parametrize("delay_s", [0.0049, 0.01, 0.0275])
-def test_a_delayed_sensor_reads_the_past_and_is_silent_until_there_is_one(name, delay_s):
+def test_a_delayed_sensor_reads_the_past_and_is_silent_before(name, delay_s):
     sensor = SENSORS[name](rate_hz=100.0, delay_s=delay_s, delay_slots=3)
     has, z = answers(sensor, ticks=50)
     t_s = 0.01 * np.arange(1, 51)
@@ -87,7 +87,7 @@ def test_a_delayed_sensor_reads_the_past_and_is_silent_until_there_is_one(name, 
 
 
 @names
-def test_a_delay_and_a_slow_rate_go_together(name):
+def test_a_sensor_can_have_a_delay_and_a_slow_rate(name):
     sensor = SENSORS[name](rate_hz=20.0, delay_s=0.02, delay_slots=2)
     has, z = answers(sensor, ticks=30)
     assert np.flatnonzero(has).tolist() == [4, 9, 14, 19, 24, 29]
@@ -95,7 +95,7 @@ def test_a_delay_and_a_slow_rate_go_together(name):
 
 
 @names
-def test_a_tick_without_duration_brings_no_second_answer_and_no_nan(name):
+def test_a_tick_of_zero_duration_gives_no_second_reading(name):
     sensor = SENSORS[name](rate_hz=100.0, delay_s=0.01, delay_slots=1)
     state = sensor.init()
     for _ in range(3):
@@ -108,7 +108,7 @@ def test_a_tick_without_duration_brings_no_second_answer_and_no_nan(name):
 
 
 @names
-def test_size_noise_size_and_covariance_fit_together(name):
+def test_size_noise_size_and_covariance_are_consistent(name):
     sensor = SENSORS[name]()
     assert sensor.h(moving(0.3)).shape == (sensor.size,)
     assert sensor.cov.shape == (sensor.size, sensor.size)

@@ -31,14 +31,14 @@ def readings_of(tags, motions, noise=(0.0, 0.0)):
     return readings
 
 
-def test_a_tag_is_read_once_where_the_reader_is_nearest_and_tells_its_place():
+def test_a_tag_is_read_once_at_the_nearest_point():
     tags = Tags(points_m=TWO, radius_m=0.1)
     readings = readings_of(tags, [at(x, 0.04) for x in (0.8, 0.95, 0.99, 1.01, 1.05, 1.3)])
     assert list(readings) == [3]
     assert readings[3] == pytest.approx([1.01, 0.04])
 
 
-def test_who_does_not_see_the_offset_tells_the_place_of_the_tag_and_is_off_by_a_point_of_a_disc():
+def test_a_reader_without_offset_returns_the_tag_position_with_disc_error():
     """Uniform in a disc of radius r, a coordinate has the variance r²/4."""
     tags = Tags(points_m=TWO, radius_m=0.1, sees_offset=False, noise_std=0.003)
     readings = readings_of(tags, [at(x, 0.04) for x in (0.8, 0.99, 1.01)])
@@ -49,13 +49,13 @@ def test_who_does_not_see_the_offset_tells_the_place_of_the_tag_and_is_off_by_a_
     assert np.diag(tags.cov) == pytest.approx(disc.var(axis=0) + 0.003**2, rel=0.02)
 
 
-def test_beside_its_radius_nothing_is_read_however_long_the_step():
+def test_a_tag_outside_the_radius_is_not_read():
     tags = Tags(points_m=TWO, radius_m=0.1)
     assert not readings_of(tags, [at(0.0, 0.11), at(3.0, 0.11)])
     assert list(readings_of(tags, [at(0.0, 0.09), at(1.5, 0.09)])) == [1]
 
 
-def test_leaving_a_tag_on_which_it_stood_is_not_a_reading_and_trembling_on_one_is_one():
+def test_leaving_a_tag_gives_no_reading_and_trembling_gives_one_reading():
     tags = Tags(points_m=TWO, radius_m=0.1)
     assert not readings_of(tags, [at(1.0 + 0.01 * k, 0.0) for k in range(-3, 60)])
     trembling = [at(0.8, 0.0), *(at(1.0 + 0.02 * (-1) ** k, 0.0) for k in range(20))]
@@ -63,7 +63,7 @@ def test_leaving_a_tag_on_which_it_stood_is_not_a_reading_and_trembling_on_one_i
     assert len(readings_of(tags, [*trembling, at(1.5, 0.0), at(0.9, 0.0), at(1.0, 0.0)])) == 2
 
 
-def test_the_reader_sits_where_its_lever_arm_says():
+def test_the_reader_is_at_its_lever_arm():
     """0.1 m ahead and 0.02 m to the left of a vehicle that drives north through (1.02, y)."""
     tags = Tags(points_m=TWO, radius_m=0.05, lever_arm_m=np.array([0.1, 0.02]))
     readings = readings_of(tags, [at(1.02, y, np.pi / 2) for y in (-0.3, -0.11, -0.09, 0.2)])
@@ -73,7 +73,7 @@ def test_the_reader_sits_where_its_lever_arm_says():
 
 @QUICK
 @given(st.floats(-np.pi, np.pi), st.floats(0.005, 0.3), st.floats(-0.099, 0.099))
-def test_a_straight_way_over_a_tag_is_one_reading_whatever_its_direction_and_its_steps(psi, step_m, aside_m):
+def test_a_straight_path_over_a_tag_gives_one_reading(psi, step_m, aside_m):
     tags = Tags(points_m=np.array([[0.3, -0.2]]), radius_m=0.1)
     along, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
     ways = np.arange(-0.5, 0.5 + step_m, step_m)
@@ -84,7 +84,7 @@ def test_a_straight_way_over_a_tag_is_one_reading_whatever_its_direction_and_its
     assert -1e-9 <= (place - tags.points_m[0]) @ along < step_m + 1e-9
 
 
-def test_a_mistake_is_the_way_from_the_tag_that_was_read_to_each_other_one():
+def test_mistakes_are_the_vectors_to_all_other_tags():
     tags = Tags(points_m=np.array([[1.0, 0.0], [2.0, 1.0], [-1.0, 3.0]]))
     ways = tags.mistakes(np.array([1.95, 1.04]))
     assert ways == pytest.approx(np.array([[-1.0, -1.0], [0.0, 0.0], [-3.0, 2.0]]))
@@ -92,7 +92,7 @@ def test_a_mistake_is_the_way_from_the_tag_that_was_read_to_each_other_one():
     assert mistakes(Compass(), np.zeros(1)).shape == (0, 1)
 
 
-def test_noise_is_its_std_times_the_unit_normals_and_a_covariance_that_was_found_is_believed():
+def test_tag_noise_is_std_times_unit_normals_unless_a_covariance_is_given():
     tags = Tags(points_m=TWO, noise_std=0.01)
     readings = readings_of(tags, [at(0.5, 0.0), at(1.0, 0.0)], noise=(1.0, -2.0))
     assert readings[1] == pytest.approx([1.01, -0.02])
@@ -100,7 +100,7 @@ def test_noise_is_its_std_times_the_unit_normals_and_a_covariance_that_was_found
     assert Tags(points_m=TWO, measurement_noise_cov=np.eye(2)).cov == pytest.approx(np.eye(2))
 
 
-def test_tags_are_a_sensor_like_the_others_and_need_their_places_in_rows():
+def test_tags_pass_the_sensor_check_and_need_positions_in_rows():
     assert check_sensor(Tags(points_m=TWO)) == []
     with refused("tags.points", ValueError, found="(2,)"):
         Tags(points_m=np.zeros(2))

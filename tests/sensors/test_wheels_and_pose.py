@@ -1,4 +1,4 @@
-"""Encoders and a camera, by hand."""
+"""Encoders and a camera: hand calculations."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_in_a_left_turn_the_right_wheel_is_faster():
     assert Wheels(track_m=0.12).h(motion(nu=[0.5, 0.1, 2.0])) == pytest.approx([0.38, 0.62])
 
 
-def test_a_worn_wheel_reads_more():
+def test_a_worn_wheel_measures_a_higher_speed():
     wheels = Wheels(track_m=0.12, radius_scale=np.array([1.0, 1.02]))
     assert wheels.h(motion(nu=[0.5, 0.0, 0.0])) == pytest.approx([0.5, 0.51])
 
@@ -39,7 +39,7 @@ def test_an_odometer_reads_the_forward_speed_with_its_scale():
         Pose(noise_std=np.full(3, 0.1), rate_hz=100.0),
     ],
 )
-def test_noise_is_its_std_times_the_unit_normal_that_comes_in(sensor):
+def test_noise_is_its_std_times_the_given_unit_normal(sensor):
     noise = np.arange(1.0, sensor.size + 1.0)
     _, slot = sensor.step(sensor.init(), motion(), 0.01, noise)
     assert slot.z == pytest.approx(0.1 * noise)
@@ -47,14 +47,14 @@ def test_noise_is_its_std_times_the_unit_normal_that_comes_in(sensor):
 
 
 @pytest.mark.parametrize(("block", "fields"), [(Wheels, {"track_m": 0.12}), (Odometer, {}), (Pose, {})])
-def test_a_covariance_that_a_fit_found_is_believed(block, fields):
+def test_a_covariance_from_a_fit_is_used(block, fields):
     Q = 0.3 * np.eye(block(**fields).size)
     assert block(**fields, measurement_noise_cov=Q).cov is Q
 
 
 @QUICK
 @given(st.floats(-3.1, 3.1), st.floats(-3.0, 3.0))
-def test_es10_a_pose_that_is_read_is_wrapped_and_so_is_the_difference_of_two(psi, noise):
+def test_es10_a_measured_pose_and_pose_differences_are_wrapped(psi, noise):
     pose = Pose(noise_std=np.array([0.0, 0.0, 1.0]), rate_hz=100.0)
     _, slot = pose.step(pose.init(), motion([1.0, 2.0, psi]), 0.01, np.array([0.0, 0.0, noise]))
     assert -np.pi <= slot.z[2] < np.pi
@@ -63,8 +63,8 @@ def test_es10_a_pose_that_is_read_is_wrapped_and_so_is_the_difference_of_two(psi
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_late_pose_is_read_across_half_a_turn_the_short_way(side):
-    """2 rad/s through ±π, told 25 ms late: always 0.05 rad behind, never near zero."""
+def test_a_delayed_pose_is_interpolated_across_pi(side):
+    """2 rad/s through ±π, 25 ms late: always 0.05 rad behind, never near zero."""
     pose = Pose(rate_hz=100.0, delay_s=0.025, delay_slots=3)
     state, late = pose.init(), []
     for k in range(60):
@@ -90,6 +90,6 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, make):
+def test_impossible_sensor_parameters_are_refused(code, figures, make):
     with refused(code, ValueError, **figures):
         make()

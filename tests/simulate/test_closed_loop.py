@@ -16,7 +16,7 @@ from tests.codes import refused
 ROUTE = circle(0.5, 0.3)
 
 
-def test_the_kernel_says_what_the_clocked_loop_says(vehicle):
+def test_the_kernel_equals_the_clocked_loop(vehicle):
     run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.5)
     world = SimulatedWorld(vehicle.vehicle, vehicle.sensors, 100.0, seed=4)
     blocks = closed(vehicle, ROUTE).blocks
@@ -30,7 +30,7 @@ def test_the_kernel_says_what_the_clocked_loop_says(vehicle):
         np.testing.assert_allclose(record.requested.u, run.requested[k], atol=1e-9)
 
 
-def test_a_command_is_in_force_one_tick_later(vehicle):
+def test_a_command_acts_one_tick_later(vehicle):
     run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.0)
     assert np.array_equal(run.applied[1:], run.sent[:-1])
     assert np.array_equal(run.applied[0], np.zeros(3))
@@ -42,7 +42,7 @@ def test_with_perfect_pose_the_estimate_is_the_truth(vehicle):
     assert list(run.sensors) == ["truth"]
 
 
-def test_it_lasts_until_the_guide_is_done(vehicle):
+def test_the_simulation_ends_when_the_guide_is_done(vehicle):
     system = closed(vehicle, ROUTE, laps=2)
     assert lasting(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3, abs=0.02)
     run = simulate_loop(vehicle, rectangle(0.3, 0.2, 0.05, 0.5), perfect=True)
@@ -50,12 +50,12 @@ def test_it_lasts_until_the_guide_is_done(vehicle):
     assert run.reference.done[-2] == 0.0
 
 
-def test_a_drawn_shape_is_a_route_too(vehicle):
+def test_a_shape_is_accepted_as_a_route(vehicle):
     run = simulate_loop(vehicle, SinuousCircle(0.3, 0.03, 0.4), perfect=True, duration_s=1.0)
     assert run.reference.nu[0, 0] == pytest.approx(0.4)
 
 
-def test_the_vehicle_starts_where_the_route_does(vehicle):
+def test_the_vehicle_starts_at_the_start_of_the_route(vehicle):
     from baqueano.guides.route import moved
 
     system = closed(vehicle, moved(ROUTE, np.array([1.0, 2.0, 0.5])))
@@ -64,7 +64,7 @@ def test_the_vehicle_starts_where_the_route_does(vehicle):
     np.testing.assert_allclose(run.truth.eta[0], [1.0, 2.0, 0.5], atol=1e-3)
 
 
-def test_moving_and_turning_the_world_changes_no_command(vehicle):
+def test_commands_are_invariant_under_motions_of_the_world(vehicle):
     from baqueano.guides.route import moved
 
     moved_route = moved(ROUTE, np.array([3.0, -2.0, 3.1]))
@@ -72,14 +72,14 @@ def test_moving_and_turning_the_world_changes_no_command(vehicle):
     np.testing.assert_allclose(a.requested, b.requested, atol=1e-7)
 
 
-def test_each_seed_is_its_own_run(vehicle):
+def test_each_seed_gives_a_different_run(vehicle):
     a, b = simulate_loops(vehicle, ROUTE, [1, 2], duration_s=0.5)
     assert a == simulate_loop(vehicle, ROUTE, seed=1, duration_s=0.5)
     assert a != b
     assert a.metadata["seed"] == "1"
 
 
-def test_a_stop_of_the_supervisor_stands_in_the_run(vehicle):
+def test_a_stop_of_the_supervisor_is_logged_in_the_run(vehicle):
     vehicle.supervisor = lambda: Supervisor(np.array([1.0, 0.0, 1.0]), max_speed_m_s=0.05)
     run = simulate_loop(vehicle, ROUTE, perfect=True, duration_s=2.0)
     assert run.events[0].text == "the vehicle is faster than max_speed_m_s"
@@ -103,7 +103,7 @@ class Twice:
         return Repeat.along(circle(0.3, 0.2), self.laps).step(state, estimate)
 
 
-def test_a_guide_that_is_not_a_dataclass_is_driven_for_its_laps(vehicle):
+def test_a_guide_of_a_plain_class_is_driven_for_its_laps(vehicle):
     once, twice = (
         simulate_loop(vehicle, Twice(), laps=n, perfect=True, noise=False).duration_s for n in (1, 2)
     )

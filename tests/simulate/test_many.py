@@ -16,7 +16,7 @@ from tests.codes import refused
 U = np.repeat(np.random.default_rng(3).uniform(-1, 1, (4, 3)) * [1.0, 0.0, 1.0], 25, axis=0)
 
 
-def test_each_vehicle_is_the_one_simulated_alone(vehicle):
+def test_each_vehicle_equals_its_single_simulation(vehicle):
     mass, linear = np.array([0.5, 0.7, 0.9]), np.array([[1.0, 30, 0.01], [2, 40, 0.02], [0.5, 50, 0.005]])
     many = simulate_many(
         vehicle,
@@ -41,7 +41,7 @@ def test_each_vehicle_is_the_one_simulated_alone(vehicle):
         np.testing.assert_allclose(many.nu[l], single.truth.nu[24::25], atol=1e-11)
 
 
-def test_the_number_of_chunks_changes_nothing(vehicle, monkeypatch):
+def test_the_number_of_chunks_does_not_change_the_result(vehicle, monkeypatch):
     mass = np.linspace(0.5, 0.9, 21)
     whole = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
     monkeypatch.setattr(import_module("baqueano.simulate.many"), "CHUNK", 8)
@@ -49,7 +49,7 @@ def test_the_number_of_chunks_changes_nothing(vehicle, monkeypatch):
     np.testing.assert_array_equal(whole.eta, parts.eta)
 
 
-def test_vehicles_that_differ_by_noise_alone_scatter_as_the_noise_says(vehicle):
+def test_the_scatter_of_vehicles_matches_the_process_noise(vehicle):
     """A free walk of ν_ψ: sd σ √t but for friction. 4 σ of a deviation over 400: 1 in 16 000."""
     friction = replace(vehicle.vehicle.friction, linear=np.zeros(3), quadratic=np.zeros(3))
     vehicle.vehicle = replace(vehicle.vehicle, friction=friction)
@@ -58,7 +58,7 @@ def test_vehicles_that_differ_by_noise_alone_scatter_as_the_noise_says(vehicle):
     assert sd == pytest.approx(0.1 * np.sqrt(1.0), rel=4 / np.sqrt(2 * 400))
 
 
-def test_the_table_says_mean_and_scatter(vehicle):
+def test_the_table_shows_mean_and_standard_deviation(vehicle):
     many = simulate_many(vehicle, U, vary={"model.mass_kg": np.linspace(0.5, 0.7, 5)})
     row = many.rows()[-1]
     assert row["vehicles"] == 5
@@ -67,7 +67,7 @@ def test_the_table_says_mean_and_scatter(vehicle):
     assert many.verdict == "DONE"
 
 
-def test_a_vehicle_that_explodes_is_counted_apart(vehicle):
+def test_a_diverged_vehicle_is_counted_separately(vehicle):
     linear = np.tile([1.5, 40.0, 0.01], (4, 1))
     linear[2] = -1e6  # no file would allow it
     many = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
@@ -95,7 +95,7 @@ def test_draws_have_the_covariance_of_the_fit_and_stay_in_bounds(vehicle):
     assert 1800 < clip_count < 2200
 
 
-def test_draws_are_simulated(vehicle):
+def test_vehicles_drawn_from_a_covariance_are_simulated(vehicle):
     vehicle.parameter_cov = ParameterCov(("model.friction.linear[0]",), np.array([[0.04]]))
     many = simulate_many(vehicle, U, 50, seed=2)
     assert many.theta.shape == (50, 1)
@@ -110,13 +110,13 @@ def test_draws_are_simulated(vehicle):
         (ParameterCov(("model.mass_kg",), np.eye(1)), None, ("simulate.vehicles", {})),
     ],
 )
-def test_draws_that_cannot_be_made_are_refused_in_words(vehicle, cov, vehicles, words):
+def test_impossible_draws_are_refused_with_a_reason(vehicle, cov, vehicles, words):
     vehicle.parameter_cov = cov
     with refused(words[0], UsageError, **words[1]):
         simulate_many(vehicle, U, vehicles)
 
 
-def test_memory_is_bounded_by_chunks():
+def test_chunks_limit_the_memory():
     parts = _chunks(10_000, True, 6_000)
     assert sum(p.stop - p.start for p in parts) == 10_000
     assert all((p.stop - p.start) * 6_000 * 24 <= 2**26 for p in parts)
@@ -139,6 +139,6 @@ def test_memory_is_bounded_by_chunks():
         ({}, ("simulate.no-vehicles", {})),
     ],
 )
-def test_what_cannot_be_varied_is_refused_in_words(vehicle, vary, words):
+def test_an_invalid_variation_is_refused_with_a_reason(vehicle, vary, words):
     with refused(words[0], UsageError, **words[1]):
         simulate_many(vehicle, U, vary=vary)

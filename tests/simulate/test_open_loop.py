@@ -29,7 +29,7 @@ def test_kernel_and_simulated_world_are_the_same_vehicle(vehicle):
     np.testing.assert_allclose(world.truth.eta, run.truth.eta[-1], atol=1e-11)
 
 
-def test_a_tick_that_is_too_long_for_the_integrator_is_cut_as_in_a_fit():
+def test_a_tick_too_long_for_the_integrator_is_subdivided():
     """The small vehicle's wheels hold sideways with a time constant of 15 ms: one step of 50 ms runs away."""
     file, u = load("small"), np.repeat(U[::25], 5, axis=0)
     slow = file.with_values({"sensors.imu.rate_hz": 20.0})
@@ -44,7 +44,7 @@ def test_a_tick_that_is_too_long_for_the_integrator_is_cut_as_in_a_fit():
     assert fit.value("model.friction.linear[0]") == pytest.approx(file.vehicle.friction.linear[0], rel=1e-3)
 
 
-def test_a_sensor_that_is_faster_than_long_ticks_answers_once_a_tick_and_one_that_is_slower_less_often():
+def test_a_fast_sensor_answers_once_a_tick_and_a_slow_sensor_rarely():
     file, u = load("small"), np.repeat(U[::25], 5, axis=0)
     often = simulate(file, u, rate_hz=20.0)
     assert often.sensors["imu"].arrival_ns.tolist() == often.t_ns.tolist()
@@ -61,12 +61,12 @@ def test_back_ends_agree(vehicle):
     np.testing.assert_allclose(a.sensors["imu"].z, b.sensors["imu"].z, atol=1e-12)
 
 
-def test_the_same_seed_gives_the_same_run_bit_by_bit_and_another_does_not(vehicle):
+def test_the_same_seed_gives_exactly_the_same_run(vehicle):
     assert simulate(vehicle, U, seed=1) == simulate(vehicle, U, seed=1)
     assert simulate(vehicle, U, seed=1) != simulate(vehicle, U, seed=2)
 
 
-def test_a_sensor_more_changes_no_other_noise(vehicle, vehicle_with_odometer):
+def test_an_additional_sensor_does_not_change_the_noise_of_others(vehicle, vehicle_with_odometer):
     a, b = simulate(vehicle, U, seed=1), simulate(vehicle_with_odometer, U, seed=1)
     np.testing.assert_allclose(a.sensors["imu"].z, b.sensors["imu"].z, rtol=0, atol=1e-13)
     np.testing.assert_allclose(a.truth.eta, b.truth.eta, rtol=0, atol=1e-13)
@@ -79,7 +79,7 @@ def test_sensors_measure_at_their_own_rates(vehicle_with_odometer):
     assert set(np.diff(run.sensors["odometer"].t_ns)) == {50_000_000}
 
 
-def test_noise_has_the_deviation_that_the_file_says(vehicle):
+def test_noise_has_the_standard_deviation_of_the_file(vehicle):
     """4.5 σ bounds of a sample deviation over 3000 draws: a false alarm in 150 000."""
     zero = np.zeros((3000, 3))
     imu = replace(vehicle.sensors.imu, gyro_bias=0.0, gyro_bias_walk=0.0)
@@ -90,13 +90,13 @@ def test_noise_has_the_deviation_that_the_file_says(vehicle):
     np.testing.assert_allclose(sd, [0.05, 0.05, 0.002], rtol=4.5 / np.sqrt(2 * 3000))
 
 
-def test_without_noise_nothing_is_random(vehicle):
+def test_a_simulation_without_noise_is_deterministic(vehicle):
     a, b = simulate(vehicle, U, seed=1, noise=False), simulate(vehicle, U, seed=2, noise=False)
     assert np.array_equal(a.sensors["imu"].z, b.sensors["imu"].z)
     np.testing.assert_allclose(a.sensors["imu"].z[:, 2], a.truth.nu[:, 2] + 0.01, atol=1e-12)
 
 
-def test_the_run_holds_the_truth_the_signal_and_what_made_it(vehicle):
+def test_the_run_contains_truth_signal_and_metadata(vehicle):
     run = simulate(vehicle, U, seed=7)
     assert run.applied.tolist() == U.tolist()
     assert run.t_ns[0] == 10_000_000
@@ -107,7 +107,7 @@ def test_the_run_holds_the_truth_the_signal_and_what_made_it(vehicle):
     assert {"numpy", "python", "baqueano"} <= run.metadata.keys()
 
 
-def test_it_starts_where_it_is_reported_to(vehicle):
+def test_the_simulation_starts_at_the_given_state(vehicle):
     run = simulate(vehicle, np.zeros((2, 3)), eta0=[1, 2, 3], nu0=[0.5, 0, 0], noise=False)
     np.testing.assert_allclose(
         run.truth.eta[0, :2], [1 + 0.005 * np.cos(3), 2 + 0.005 * np.sin(3)], atol=2e-4
@@ -129,7 +129,7 @@ def test_it_starts_where_it_is_reported_to(vehicle):
         ),
     ],
 )
-def test_a_signal_that_cannot_be_driven_is_refused_in_words(vehicle, u, words):
+def test_an_unsuitable_signal_is_refused_with_a_reason(vehicle, u, words):
     with refused(words[0], UsageError, **words[1]):
         simulate(vehicle, u)
 

@@ -17,7 +17,7 @@ from baqueano.sweep.pieces import Pieces
 from baqueano.sweep.result import SweepCell, SweepDrive, SweepResult
 
 
-def test_the_pose_that_is_known_is_that_of_the_world():
+def test_the_ideal_estimator_returns_the_pose_of_the_world():
     world = LoopWorld(draw_robots(1, 0), 0, 100.0)
     estimator = StateOfWorld(lambda: world.motion)
     (tick, *_), truths = world.read(10_000_000), world.new_truths()
@@ -28,7 +28,7 @@ def test_the_pose_that_is_known_is_that_of_the_world():
     np.testing.assert_array_equal(estimate.cov, 0.0)
 
 
-def test_a_route_begins_where_a_robot_of_the_truth_does():
+def test_a_route_begins_at_the_start_of_the_robot():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
     moved_route = from_origin(route)
     np.testing.assert_allclose(moved_route.eta[0], 0.0, atol=1e-12)
@@ -57,7 +57,7 @@ def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives
     return Controllers(dict.fromkeys(JUDGED, result_of), contestants, 10, ())
 
 
-def test_the_verdict_is_by_code():
+def test_the_verdict_is_decided_by_codes():
     assert (result(0.2).verdict, result(0.2).reasons) == (Verdict.USABLE, ())
     assert [reason.code for reason in result(0.5).reasons] == ["study.not-a-third"]
     assert [reason.code for reason in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
@@ -69,7 +69,7 @@ def test_the_verdict_is_by_code():
     assert len(result(0.2).table().splitlines()) == 7
 
 
-def test_a_controller_that_there_is_not_is_refused_before_the_first_drive():
+def test_an_unknown_controller_is_refused_before_the_first_drive():
     with pytest.raises(BaqueanoError, match="nobody"):
         controllers(
             1,
@@ -90,7 +90,7 @@ class Mine(Kanayama):
 
 
 @pytest.mark.long
-def test_the_papers_pd_and_ones_own_are_judged_on_the_same_robot(tmp_path, monkeypatch):
+def test_the_paper_pd_and_a_custom_controller_drive_the_same_robot(tmp_path, monkeypatch):
     (tmp_path / "my.py").write_text(MINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     study = controllers(1, 3, kinds=("pd",), own=("my.py:Mine",), starts=1)

@@ -17,14 +17,14 @@ def cases(n, claim_m, rng, heading=0.1):
 
 
 @pytest.mark.parametrize(("claim_m", "ok"), [(1.0, True), (0.8, False), (1.3, False)])
-def test_a_region_that_is_right_passes_and_one_that_is_too_small_or_too_wide_is_reported(claim_m, ok):
+def test_only_a_region_of_correct_size_passes_the_study(claim_m, ok):
     study = gathered(cases(500, claim_m, np.random.default_rng(0)), 500, ())
     assert [row["ok"] for row in study.rows()] == [ok, ok]
     assert (study.verdict == "USABLE") is ok
     assert all("at 10 s: coverage" in reason for reason in study.reasons)
 
 
-def test_few_vehicles_miss_no_bar_by_chance():
+def test_few_vehicles_rarely_miss_a_bar_by_chance():
     misses = 0
     for seed in range(100):
         study = gathered(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
@@ -32,7 +32,7 @@ def test_few_vehicles_miss_no_bar_by_chance():
     assert misses <= 10  # two rows of 5 % at most each
 
 
-def test_who_is_lost_is_counted_and_not_judged():
+def test_a_lost_vehicle_is_counted_and_not_judged():
     rng = np.random.default_rng(1)
     lost_cases = [
         (name, case._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, case in cases(5, 1.0, rng)
@@ -41,7 +41,7 @@ def test_who_is_lost_is_counted_and_not_judged():
     assert (row["cases"], row["lost"]) == (12, 5)
 
 
-def test_the_vehicles_have_the_imu_of_a_data_sheet():
+def test_the_study_vehicles_have_the_imu_of_a_data_sheet():
     robots = vehicles(range(40))
     off = robots.imu.gyro_scale - 1.0
     assert np.all(np.abs(off) <= TOLERANCE)
@@ -51,7 +51,7 @@ def test_the_vehicles_have_the_imu_of_a_data_sheet():
 
 
 @pytest.mark.long
-def test_a_vehicle_is_identified_driven_and_inside_its_corridor(monkeypatch):
+def test_an_identified_vehicle_drives_inside_its_corridor(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 30.0)
     monkeypatch.setattr(drives, "DRIVE_S", 12.0)
     study = corridor.corridor(1, 3)

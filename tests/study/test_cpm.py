@@ -15,28 +15,28 @@ def rows(cpm_recordings):
     return cpm.rows()
 
 
-def test_every_bar_is_reached(rows):
+def test_the_cpm_study_meets_all_ten_bars(rows):
     assert len(rows) == 10
     assert [row["quantity"] for row in rows if not row["ok"]] == []
 
 
-def test_the_speed_of_the_other_run_is_explained(rows):
+def test_the_model_explains_the_speed_of_the_other_run(rows):
     values = {row["quantity"]: row["value"] for row in rows}
     assert values["a → b: speed explained"] >= 0.94
     assert values["b → a: speed explained"] >= 0.98
 
 
-def test_the_battery_is_turned_down_in_words(rows):
+def test_the_battery_term_is_refused_with_a_reason(rows):
     verdicts = [row["value"] for row in rows if row["quantity"].endswith("battery voltage")]
     assert len(verdicts) == 2
     assert all(text.startswith(("battery voltage left out", "battery voltage refused")) for text in verdicts)
 
 
-def test_rows_are_flat_and_fit_for_json(rows):
+def test_rows_are_flat_and_serialisable_to_json(rows):
     assert {tuple(row) for row in rows} == {("recording", "quantity", "value", "bar", "ok")}
     assert json.dumps(rows, allow_nan=False)
 
 
-def test_a_bar_that_is_missed_is_not_ok():
+def test_a_missed_bar_is_not_ok():
     assert cpm.EXPLAINED == {"a": 0.94, "b": 0.98}
     assert row("x", "y", 0.5, "≥ 0.94", ok=0.5 >= 0.94)["ok"] is False

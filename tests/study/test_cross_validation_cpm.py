@@ -22,13 +22,13 @@ def study(cpm_recordings):
     return CrossValidation(fitted, tuple(judge(fitted[a].file, a, runs[b], b) for a, b in ways))
 
 
-def test_a_car_that_was_fitted_to_one_run_moves_like_the_other(study):
+def test_a_fit_to_one_run_predicts_the_other_run(study):
     for validation in study.judged:
         assert validation.held_out
         assert np.all(validation.predicted.explained > 0.9), validation.row()
 
 
-def test_the_filter_keeps_the_car_within_one_hundredth_of_the_way(study):
+def test_the_filter_error_is_below_one_percent_of_the_distance(study):
     for validation in study.judged:
         row = validation.row()
         assert row["driven_m"] == pytest.approx(74.6, abs=1.0)
@@ -48,13 +48,13 @@ def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
         assert not of_filter or of_filter[0].t_ns == validation.replayed.t_ns[0]
 
 
-def test_both_fits_tell_the_same_car(study):
+def test_both_fits_give_similar_parameters(study):
     for row in study.parameters():
         if row["name"].endswith(("throttle_gain", "steering_gain", "yaw_lag_s")):
             assert row["a"] == pytest.approx(row["b"], rel=0.2), row
 
 
-def test_rows_table_and_page_say_what_was_found(study):
+def test_rows_table_and_page_report_the_cross_validation(study):
     assert study.verdict == "WARN"
     assert [(row["fitted_on"], row["judged_on"]) for row in study.rows()] == [("a", "b"), ("b", "a")]
     assert json.dumps(study.rows(), allow_nan=False)

@@ -1,4 +1,4 @@
-"""The parts of the demo that need no drive: what it believes at first, and how it tells truth beside estimate."""
+"""The parts of the demo that need no drive: its first guess, and its table of truth and estimate."""
 
 import re
 
@@ -42,14 +42,14 @@ def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
         )
 
 
-def test_the_truth_of_an_actuator_is_what_unequal_wheels_make_of_it():
+def test_the_true_actuator_gain_includes_unequal_wheels():
     truth = load("small")
     gain = truth.vehicle.drivetrain.gain
     demo = demo_of(("model.actuator_matrix[0,0]", "model.friction.linear[0]"), [1.0, 1.0], [1.0, 1.0])
     assert demo.true_values == pytest.approx([3.38 * np.mean(gain), 3.3])
 
 
-def test_each_row_says_how_far_off_an_estimate_is():
+def test_each_row_contains_the_normalised_error_of_an_estimate():
     names = ("model.friction.linear[0]", "model.friction.linear[1]", "model.friction.linear[2]")
     rows = demo_of(names, [3.4, np.nan, 1.0], [0.1, 1.0, 0.001]).rows()
     assert rows[0]["z"] == pytest.approx(1.0)
@@ -57,5 +57,5 @@ def test_each_row_says_how_far_off_an_estimate_is():
     assert [row["truth"] for row in rows] == pytest.approx([3.3, 40.0, 0.0115])
 
 
-def test_every_key_of_the_guess_is_one_of_the_file():
+def test_every_key_of_the_guess_is_a_key_of_the_file():
     assert all(re.fullmatch(r"(model|sensors|controller)\.[\w.]+", key) for key in GUESS)

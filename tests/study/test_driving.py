@@ -7,7 +7,7 @@ from baqueano.study.driving import Driving, EvenDrive
 
 
 @pytest.mark.long
-def test_an_identified_robot_drives_evenly_on_physics_that_is_not_the_models(monkeypatch):
+def test_an_identified_robot_drives_evenly_on_independent_physics(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(driving, "SHAPES", {"rectangle": driving.SHAPES["rectangle"]})
     study = driving.driving(1, 40, cases=("imu", "pose", "breakaway"), speeds=(0.3,))
@@ -17,7 +17,7 @@ def test_an_identified_robot_drives_evenly_on_physics_that_is_not_the_models(mon
     assert "all limits are kept" in study.table()
 
 
-def test_a_lap_that_breaks_a_limit_is_named_with_its_figure():
+def test_a_lap_beyond_a_limit_is_named_with_its_figure():
     good = EvenDrive("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
     late = good._replace(seed=1, across_m=0.02, sign_changes=2.0)
     study = Driving((good, late), 2, ())

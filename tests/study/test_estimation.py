@@ -1,4 +1,4 @@
-"""The judge of estimators: its references are right by hand, and it tells a better estimate from a worse one."""
+"""The judge of estimators: its references are right by hand calculation, and it ranks estimates correctly."""
 
 import json
 
@@ -18,7 +18,7 @@ from baqueano.study.estimation.errors import (
     QUANTITIES,
     SPEED,
     WHOLE,
-    Beside,
+    BlockSums,
     EstimatedPath,
     beside,
     joined,
@@ -34,7 +34,7 @@ V, R, RATE_HZ = 0.8, 0.5, 50.0
 
 
 def circle(seconds=60.0):
-    """A car on a circle, its gyro and odometer without noise, as the garage's file says that they read."""
+    """A car on a circle, its gyro and odometer without noise, with the scales of the garage file."""
     car = load("car")
     t_ns = np.arange(int(seconds * RATE_HZ)) * 20_000_000
     psi = R * t_ns * 1e-9
@@ -50,7 +50,7 @@ def circle(seconds=60.0):
     return car, Run("circle", None, t_ns, np.zeros((len(t_ns), 2)), sensors=sensors, truth=truth)
 
 
-def test_plain_integration_of_perfect_readings_drives_the_circle():
+def test_integration_of_perfect_readings_gives_the_circle():
     car, run = circle()
     eta = integrated(car, run, np.zeros((len(run.t_ns), 3)), run.truth.eta[0])
     assert np.max(np.hypot(*(eta - run.truth.eta)[:, :2].T)) < 1e-3
@@ -70,7 +70,7 @@ def test_open_loop_is_the_simulation_under_the_commands():
     assert np.max(np.abs(nu - run.truth.nu)[after]) < 0.02
 
 
-def test_speed_of_a_camera_is_that_along_the_heading():
+def test_the_camera_speed_is_measured_along_the_heading():
     _, run = circle(5.0)
     speed = true_speed(run.t_ns, run.truth)
     finite = np.isfinite(speed)
@@ -98,10 +98,10 @@ def test_a_path_with_half_the_error_has_half_the_ratio():
         0.1 / np.sqrt(3), rel=0.01
     )  # begins afresh after 10 s
     assert len(ratios[QUANTITIES[2]].samples) == 6
-    assert np.isnan(ratios[WHOLE].ratio[1])  # one block tells no interval
+    assert np.isnan(ratios[WHOLE].ratio[1])  # one block gives no interval
 
 
-def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
+def test_the_interval_of_a_ratio_has_its_nominal_coverage():
     """40 blocks, 200 trials: with true coverage 0.95 fewer than 178 inside are 1 in 500; small samples take 2 %."""
     inside = 0
     for seed in range(200):
@@ -111,7 +111,7 @@ def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
             (common + 0.5 * rng.standard_normal(40)) ** 2,
             (common + 0.5 * rng.standard_normal(40)) ** 2,
         )
-        _, low, high = Beside(estimate, reference, np.ones(40)).ratio
+        _, low, high = BlockSums(estimate, reference, np.ones(40)).ratio
         inside += low <= 1.0 <= high
     assert inside >= 174
 
@@ -119,7 +119,7 @@ def test_the_interval_of_a_ratio_holds_as_often_as_it_should():
 def outcome_of(ratio):
     """Ten blocks in which the estimate is `ratio` times as far off as the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
-    ratio_blocks = Beside(ratio**2 * blocks, blocks, np.ones(10))
+    ratio_blocks = BlockSums(ratio**2 * blocks, blocks, np.ones(10))
     return JudgedEstimate(
         f"here, {BOTH}",
         BOTH,
@@ -132,7 +132,7 @@ def outcome_of(ratio):
     )
 
 
-def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets_them():
+def test_a_better_estimator_meets_its_bars_and_a_worse_estimator_misses():
     assert EstimationStudy((outcome_of(0.6),)).verdict == "USABLE"
     worse = EstimationStudy((outcome_of(0.6), outcome_of(1.2)._replace(recording="there")))
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
@@ -153,7 +153,7 @@ def test_a_fit_that_is_refused_is_shown_and_not_counted():
     assert "there: its fit is REFUSED" in study.table()
 
 
-def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
+def test_the_estimation_command_prints_json(monkeypatch, capsys):
     study = EstimationStudy((outcome_of(1.2),))
     monkeypatch.setattr(room, "estimation", lambda *_: study)
     with pytest.raises(SystemExit) as end:
@@ -187,7 +187,7 @@ def vehicles():
         return simulated._subjects(simulated.EstimationJob("robot", (2, 3), (), "auto"))
 
 
-def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_run(vehicles):
+def test_simulated_vehicles_have_a_fit_run_and_a_validation_run(vehicles):
     for vehicle in vehicles:
         assert vehicle.fitted.truth is None
         assert vehicle.judged.truth is not None
@@ -199,7 +199,7 @@ def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_r
     assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a motor of the second order hardly turns it in 20 ms
 
 
-def test_the_share_that_is_not_worse_counts_what_was_fitted():
+def test_the_share_of_good_estimates_counts_only_accepted_fits():
     good, bad = outcome_of(0.6), outcome_of(1.2)
     refused_outcome = outcome_of(3.0)._replace(fit="REFUSED")
     outcomes = [
@@ -213,7 +213,7 @@ def test_the_share_that_is_not_worse_counts_what_was_fitted():
     assert len({simulated.lacking(seed) for seed in range(8)}) == 8  # each lack, a robot and a car
 
 
-def test_each_vehicle_has_rows_for_machines_and_none_in_the_table():
+def test_single_vehicles_are_in_the_rows_but_not_in_the_table():
     outcomes = [simulated.SimulatedOutcome(0, "slope", (outcome_of(0.6), outcome_of(1.2)), "")]
     rows = simulated.each_vehicle(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]

@@ -24,7 +24,7 @@ def draw_robots(*errors, margin_m=0.1):
     return SignalErrors(np.array(errors), np.full(20, margin_m), 5.0)
 
 
-def test_a_row_tells_how_many_times_better_and_where_another_is_better():
+def test_a_row_contains_the_ratio_and_the_better_signals():
     robots = {
         "designed": draw_robots(0.01, 0.02),
         "random_steps": draw_robots(0.02, 0.04),
@@ -48,7 +48,7 @@ def test_a_row_tells_how_many_times_better_and_where_another_is_better():
         (draw_robots(0.01)._replace(seconds=11.0), "took 11.0 s, more than a sixth of 60 s"),
     ],
 )
-def test_what_a_design_does_not_reach_is_reported(errors_of_design, message):
+def test_a_design_below_its_bar_is_reported(errors_of_design, message):
     rows = rows_of("all", "", {"designed": errors_of_design, "random_steps": draw_robots(0.02)})
     assert message in Experiments(tuple(rows), 60.0).reasons[0]
 
@@ -72,7 +72,7 @@ def test_a_touched_wall_refuses_the_first_drive():
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_vehicles_are_as_far_from_their_file_as_is_reported_and_their_physics_is_of_the_truth(name):
+def test_study_vehicles_differ_from_their_file_by_the_stated_spread(name):
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
     values = numbers(vehicles)
@@ -84,7 +84,7 @@ def test_vehicles_are_as_far_from_their_file_as_is_reported_and_their_physics_is
     assert type(vehicles).__module__.startswith("baqueano.study.truth")
 
 
-def test_of_two_signals_the_stronger_tells_more_and_a_long_way_leaves_the_room():
+def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room():
     file = load("small")
     vehicles, room = vehicles_around(file, 2, 0), room_of(file, "2x2")
     steps = excitation("random_steps", file.command.limit, 8.0, file.rate_hz, 0, rest_s=1.0)
@@ -103,7 +103,7 @@ def test_of_two_signals_the_stronger_tells_more_and_a_long_way_leaves_the_room()
 
 
 def test_a_car_on_tyres_that_slide_stays_in_its_room():
-    """Its planner knows of no tyres. With curves of up to 12 m/s² it was 37 cm in the wall."""
+    """Its planner has no tyre model. With curves of up to 12 m/s² the car was 37 cm in the wall."""
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), room_of(file, "4x4")
     requested = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
@@ -113,7 +113,7 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
         assert np.all(np.abs(world.truth.eta[:, :2]) < room.free)
 
 
-def test_a_number_that_no_motion_shows_is_as_uncertain_as_before():
+def test_an_unobservable_parameter_retains_its_prior_uncertainty():
     file = load("small")
     resting = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
     _, result = outcome(("still", resting), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0)
@@ -121,7 +121,7 @@ def test_a_number_that_no_motion_shows_is_as_uncertain_as_before():
 
 
 @pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), draw_cars(1, 3)], ids=["robot", "car"])
-def test_a_world_of_the_loop_is_the_world_of_the_truth_with_each_command_from_the_next_tick_on(vehicle):
+def test_the_loop_world_equals_the_truth_world_with_delayed_commands(vehicle):
     vehicle = vehicle.changed(floor=0.0 * vehicle.floor)
     looped, plain = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
     rng, u = np.random.default_rng(0), np.zeros(vehicle.commands)
@@ -138,7 +138,7 @@ def test_a_world_of_the_loop_is_the_world_of_the_truth_with_each_command_from_th
     assert looped.new_truths() == []
 
 
-def test_unknown_robots_have_the_gains_and_dead_zones_that_are_reported():
+def test_unknown_robots_have_the_documented_range_of_gains_and_dead_zones():
     file, robots = load("small"), [unknown(seed) for seed in range(60)]
     ratio = np.array([gains(robot, file) for robot in robots])
     assert 0.8 * WEAKEST < ratio.min() < 0.5

@@ -32,12 +32,12 @@ def test_no_wrong_fit_is_called_usable_and_no_sound_run_refused(study):
     assert study.verdict == "USABLE"
 
 
-def test_what_is_mended_is_about_as_good_as_before(study):
+def test_a_repaired_time_jump_gives_nearly_the_same_errors(study):
     rows = {row["fault"]: row for row in study.rows()}
     assert 0.5 < rows["time jumps a day"]["over_clean"] < 2.0
 
 
-def test_a_run_that_is_cut_in_two_converges_though_the_second_start_hardly_shows(study):
+def test_a_run_split_in_two_converges(study):
     (row,) = [row for row in study.rows() if row["fault"] == "time jumps seconds"]
     assert row["refused"] == 0
     assert row["over_clean"] < 1.5
@@ -54,7 +54,7 @@ def outcome_of(fault, verdict, off):
     return FaultOutcome(FaultJob(fault, "small", 0, "auto"), verdict, off, np.nan, np.nan, ())
 
 
-def test_one_wrong_fit_that_is_called_usable_fails_the_study():
+def test_one_wrong_fit_called_usable_fails_the_study():
     study = Faults((outcome_of("sound", "USABLE", False), outcome_of("lag", "USABLE", True)), 2, 2)
     assert study.verdict == "REFUSED"
     assert "1 wrong fits with lag were called USABLE" in study.reasons
@@ -72,14 +72,14 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
     assert Faults((*sound[:48], outcome_of("sound", "REFUSED", False)), 49, 49).verdict == "REFUSED"
 
 
-def test_a_damaged_fit_without_parameters_leaves_the_ratio_to_the_others():
+def test_a_fit_without_parameters_is_left_out_of_the_ratio():
     none = outcome_of("stuck", "REFUSED", False)._replace(clean=1.0)
     some = none._replace(off=3.0, clean=2.0)
     assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
     assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
 
 
-def test_samples_that_were_only_held_cost_what_is_gone_and_nothing_more(study):
+def test_repeated_samples_lose_only_their_own_information(study):
     """What is left is the same, reading by reading, as in the sound run without them."""
     rows = {row["fault"]: row for row in study.rows()}
     assert 0.3 < rows["held samples"]["lost"] < 0.9
@@ -88,7 +88,7 @@ def test_samples_that_were_only_held_cost_what_is_gone_and_nothing_more(study):
         assert rows[fault]["over_left"] == pytest.approx(1.0, abs=0.01)
 
 
-def test_readings_of_the_sound_run_are_taken_out_where_they_are_of_the_damaged_one(case_study):
+def test_the_same_readings_are_removed_from_the_sound_run(case_study):
     from baqueano.study.faults.damage import not_numbers, repeated_time, time_jumps_a_day
     from baqueano.study.faults.undamaged import undamaged
 
@@ -117,13 +117,13 @@ def case_study():
     return file, simulate(file, random_steps(file.command.limit, 10.0, file.rate_hz, 0), 0)
 
 
-def test_wrong_is_five_errors_and_five_per_cent():
+def test_an_estimate_is_wrong_beyond_five_errors_and_five_percent():
     truth, sd = np.array([1.0, 1.0, 0.0, 1.0, np.nan]), np.array([1e-3, 0.05, 0.01, 0.1, 0.1])
     estimate = np.array([1.04, 1.2, 0.1, np.nan, 1.0])
     assert wrong(estimate, sd, truth).tolist() == [False, False, True, False, False]
 
 
-def test_each_fault_of_the_issue_is_there():
+def test_the_study_contains_every_specified_fault():
     words = (
         "°/s", " g", "ms", "volts", "PWM", "clipped", "late", "repeated", "jumps", "bursts", "held", "stuck", "zero",
         "swapped", "inverted", "gravity", "dead", "second vehicle", "backlash", "slip", "caster", "200 ppm", "2 %",
@@ -136,9 +136,7 @@ def test_each_fault_of_the_issue_is_there():
 
 
 @pytest.mark.parametrize(("off", "code"), [(False, 0), (True, 1)])
-def test_the_command_line_answers_in_rows_and_says_no_where_the_detectors_fail(
-    monkeypatch, capsys, off, code
-):
+def test_the_faults_command_exits_with_1_if_the_detectors_fail(monkeypatch, capsys, off, code):
     from baqueano.cli import main
     from baqueano.study import faults as room
 
@@ -152,7 +150,7 @@ def test_the_command_line_answers_in_rows_and_says_no_where_the_detectors_fail(
     assert {"fault", "fits", "wrongly_usable", "wrongly_refused"} <= set(printed["rows"][0])
 
 
-def test_a_study_that_was_stopped_tells_what_is_done(monkeypatch, capsys):
+def test_a_stopped_study_reports_its_completed_part(monkeypatch, capsys):
     from baqueano.cli import main
     from baqueano.study import faults as room
 
@@ -185,14 +183,14 @@ def harm(sound, name, seed=0):
 
 
 @pytest.mark.parametrize(("name", "part"), [("clock 200 ppm off", 200e-6), ("clock 2 % off", 0.02)])
-def test_a_clock_that_drifts_ends_off_by_its_part_of_the_time(sound, name, part):
+def test_a_drifting_clock_has_an_error_proportional_to_time(sound, name, part):
     run, bad = harm(sound, name)
     off = (bad.sensors["imu"].t_ns[-1] - run.t_ns[-1]) * 1e-9
     assert abs(off) == pytest.approx(part * 29.99, rel=1e-6)
     np.testing.assert_array_equal(bad.t_ns, run.t_ns)
 
 
-def test_a_mount_that_turns_keeps_the_size_of_what_it_feels(sound):
+def test_a_rotating_mount_preserves_the_magnitude_of_the_acceleration(sound):
     run, bad = harm(sound, "mount turns")
     before, after = run.sensors["imu"].z, bad.sensors["imu"].z
     np.testing.assert_allclose(np.hypot(*after[:, :2].T), np.hypot(*before[:, :2].T))
@@ -207,13 +205,13 @@ def test_a_low_pass_delays_a_ramp_by_its_time_constant(sound):
     assert 0.5 / (2.0 * np.pi * 44.0) - 0.01 < late < 1.0 / (2.0 * np.pi * 5.0)
 
 
-def test_what_is_resampled_lies_on_lines_between_readings(sound):
+def test_resampled_values_are_linear_interpolations(sound):
     run, bad = harm(sound, "resampled")
     np.testing.assert_allclose(bad.sensors["imu"].z[:2900, 0], run.sensors["imu"].z[:2900, 0])
     assert 0.0 < np.max(np.abs(bad.sensors["imu"].z[:2900] - run.sensors["imu"].z[:2900])) < 1e-3
 
 
-def test_a_gyro_that_zeroes_itself_forgets_a_steady_turn(sound):
+def test_a_self_zeroing_gyro_removes_a_steady_turn(sound):
     from dataclasses import replace
 
     from baqueano.study.faults.logging import gyro_zeroes_itself
@@ -225,7 +223,7 @@ def test_a_gyro_that_zeroes_itself_forgets_a_steady_turn(sound):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_lost_sign_leaves_the_first_half_alone(sound, seed):
+def test_a_lost_sign_changes_only_the_second_half(sound, seed):
     run, bad = harm(sound, "sign lost", seed)
     np.testing.assert_array_equal(bad.applied[:1500], run.applied[:1500])
     np.testing.assert_array_equal(bad.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
@@ -247,7 +245,7 @@ def test_rates_and_lengths_are_those_of_the_fault(sound):
     assert set(np.diff(epoch.t_ns).tolist()) == {10}
 
 
-def test_copies_and_a_second_imu_are_where_they_should_be(sound):
+def test_duplicated_halves_and_a_second_imu_are_placed_correctly(sound):
     run, twice = harm(sound, "half duplicated")
     np.testing.assert_array_equal(twice.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
     np.testing.assert_array_equal(twice.applied[1500:], run.applied[:1500])
@@ -257,7 +255,7 @@ def test_copies_and_a_second_imu_are_where_they_should_be(sound):
 
 
 @pytest.mark.parametrize("vehicle", ["robot", "car"])
-def test_structures_leave_the_subject_as_it_was_and_fit_what_they_say(vehicle):
+def test_structural_faults_do_not_change_their_subject(vehicle):
     from types import SimpleNamespace
 
     from baqueano.study.faults.detection import NOT_FOR_CARS

@@ -1,4 +1,4 @@
-"""How near to the limit a fit comes on the independent truth: its bound, its arithmetic, one fit, and Ctrl-C."""
+"""The distance of a fit from the theoretical limit on the independent truth: bound, arithmetic, one fit, and Ctrl-C."""
 
 import json
 import os
@@ -23,7 +23,7 @@ from baqueano.study.counterpart import (
 )
 from baqueano.study.counterpart.cars import SPEED
 from baqueano.study.identification import Identification, identification, result, trials
-from baqueano.study.identification.bound import beside, bound_of, steps
+from baqueano.study.identification.bound import bound_of, perturbed_copies, steps
 from baqueano.study.identification.page import page_of_identification
 from baqueano.study.identification.trials import CASES, TrialOutcome
 from baqueano.study.truth import TruthWorld, draw_cars
@@ -47,7 +47,7 @@ def study_of(count=200, **options):
 
 
 @pytest.mark.parametrize("path", sorted(robot_values(trials.robot(0))))
-def test_a_robot_can_be_given_any_true_value(path):
+def test_a_robot_accepts_any_true_value(path):
     robot = trials.robot(0)
     before = robot_values(robot)
     after = robot_values(with_values(robot, {path: before[path] + 0.01}))
@@ -56,7 +56,7 @@ def test_a_robot_can_be_given_any_true_value(path):
 
 
 @pytest.mark.parametrize("path", car_numbers(draw_cars(1, 0)))
-def test_a_car_can_be_given_any_true_number(path):
+def test_a_car_accepts_any_true_value(path):
     cars = draw_cars(2, 3)
     numbers = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
     result = car_numbers(with_car_numbers(cars, {path: numbers}))
@@ -66,21 +66,21 @@ def test_a_car_can_be_given_any_true_number(path):
             np.testing.assert_allclose(result[name], before)
 
 
-def test_what_is_known_beforehand_bounds_what_no_reading_shows():
+def test_prior_errors_bound_unobservable_parameters():
     car = draw_cars(1, 0)
     quiet = np.zeros((50, 2 * len(car_numbers(car)), 4))
     bounds = bound_of(quiet, car, {path: 0.5 for path in car_numbers(car)})
     np.testing.assert_allclose(list(bounds.values()), 0.5)
 
 
-def test_the_file_of_a_robot_holds_its_true_values():
+def test_the_file_of_a_robot_contains_its_true_values():
     robot = trials.robot(3)
     file = robot_file(robot)
     for path, value in robot_values(robot).items():
         assert float(np.ravel(file.value(path))[0]) == pytest.approx(value[0], rel=1e-9, abs=1e-12), path
 
 
-def test_the_true_speed_of_a_car_is_the_one_that_it_reaches():
+def test_the_true_speed_of_a_car_is_its_final_speed():
     car = draw_cars(1, 0)
     car = car.changed(servo_offset_rad=np.zeros(1))
     world = TruthWorld(car, [0])
@@ -91,11 +91,11 @@ def test_the_true_speed_of_a_car_is_the_one_that_it_reaches():
 
 
 def test_the_bound_is_the_inverse_of_the_information():
-    """Readings that are linear in the parameters, so that a pencil knows their slopes."""
+    """Readings that are linear in the parameters, with derivatives that can be calculated by hand."""
     robot = trials.robot(1)
     of, rng = steps(robot), np.random.default_rng(0)
     G = rng.normal(size=(60, 3, len(of)))
-    values = robot_values(beside(robot))
+    values = robot_values(perturbed_copies(robot))
     theta = np.stack([values[path] for path in of])
     bounds = bound_of(np.einsum("tcp,pk->tkc", G, theta), robot)
     flat = (G / robot.imu.noise[0][:, None]).reshape(-1, len(of))
@@ -114,7 +114,7 @@ def test_one_robot_is_fitted_and_the_fit_is_not_wrong(case):
     json.dumps(rows, allow_nan=False)
 
 
-def test_a_bias_that_walks_counts_by_its_mean():
+def test_a_walking_bias_is_compared_by_its_mean():
     robot = trials.robot(0)
     imu = robot.imu.changed(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
     motion = driven(robot.changed(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
@@ -122,7 +122,7 @@ def test_a_bias_that_walks_counts_by_its_mean():
     np.testing.assert_allclose((motion.z - motion.quiet).mean(axis=0), motion.wandered)
 
 
-def test_robots_are_those_that_the_study_describes():
+def test_study_robots_have_the_documented_properties():
     q = trials.robot(7)
     assert np.all((q.forward >= 0.25) & (q.forward <= 0.33))
     assert np.linalg.norm(q.imu.place_m) == pytest.approx(0.03)
@@ -163,18 +163,18 @@ def test_each_figure_that_is_missed_is_a_reason(bars, message):
     assert message in "; ".join(study.reasons)
 
 
-def test_a_parameter_that_is_known_badly_is_not_named_for_it():
+def test_a_weak_parameter_alone_does_not_lower_the_study_verdict():
     study = study_of(case="matched", reasons=(("fit.weak", "fit"),))
     assert study.verdict == "USABLE", study.reasons
 
 
-def test_the_page_holds_table_and_figures():
+def test_the_study_page_contains_table_and_figures():
     text = page_of_identification(study_of(8)).html()
     assert text.count('<svg class="wide"') == 3
     assert "--seeds 8" in text
 
 
-def test_an_interrupted_study_goes_on_from_what_was_kept(tmp_path, monkeypatch):
+def test_an_interrupted_study_resumes_from_stored_results(tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(
         result, "work", lambda job: calls.append(job.seeds) or [outcome_of(seed=job.seeds[0])]
@@ -185,7 +185,7 @@ def test_an_interrupted_study_goes_on_from_what_was_kept(tmp_path, monkeypatch):
     assert len(study.outcomes) == 2
 
 
-def test_a_case_that_does_not_exist_is_answered_with_those_that_do(capsys):
+def test_an_unknown_case_is_refused_with_the_list_of_cases(capsys):
     from baqueano.cli import main
 
     with pytest.raises(SystemExit) as exit_info:
@@ -196,14 +196,14 @@ def test_a_case_that_does_not_exist_is_answered_with_those_that_do(capsys):
     assert all(case in errors for case in CASES)
 
 
-def test_jobs_are_done_in_this_process_or_in_others():
+def test_jobs_run_in_this_process_or_in_other_processes():
     progress = []
     assert sorted(spread_over(abs, [-3, 1, -2], 1, progress.append)) == [1, 2, 3]
     assert sorted(spread_over(abs, [-3, 1, -2], 2, progress.append)) == [1, 2, 3]
     assert progress == [1] * 6
 
 
-def test_what_is_done_before_ctrl_c_is_kept():
+def test_results_before_ctrl_c_are_returned():
     def work(job):
         if job == 3:
             raise KeyboardInterrupt
@@ -212,14 +212,14 @@ def test_what_is_done_before_ctrl_c_is_kept():
     assert spread_over(work, [1, 2, 3, 4]) == [1, 2]
 
 
-def test_ctrl_c_before_the_first_seed_is_passed_on(monkeypatch):
+def test_ctrl_c_before_the_first_seed_is_raised_again(monkeypatch):
     monkeypatch.setattr(result, "spread_over", lambda *args: [])
     with pytest.raises(KeyboardInterrupt):
         identification(3)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent to a process in another way there")
-def test_ctrl_c_leaves_the_table_of_the_seeds_that_are_done(tmp_path):
+def test_ctrl_c_leaves_the_table_of_completed_seeds(tmp_path):
     code = (
         "import sys, time\nimport numpy as np\nfrom baqueano.cli import main\n"
         "from baqueano.study.identification import result\nfrom baqueano.sweep import workers\n"

@@ -1,4 +1,4 @@
-"""A real car without its encoder: what is promised of it. Skipped, by name, without the recordings."""
+"""A real car without its encoder: the stated accuracy. Skipped, by name, without the recordings."""
 
 import json
 
@@ -30,14 +30,14 @@ def study(cpm_recordings):
     return imu_only_study()
 
 
-def test_the_speed_of_a_run_not_seen_is_nearly_as_good_as_by_the_odometer(study):
+def test_speed_without_encoder_is_at_most_30_percent_worse_than_with_odometer(study):
     ratios = [row for row in study.rows() if row["quantity"].startswith("speed error, over")]
     assert len(ratios) == 4
     for row in ratios:
         assert 0.0 < row["value"] <= 1.3, row
 
 
-def test_intervals_hold_what_the_odometer_says_and_are_narrow(study):
+def test_imu_only_intervals_cover_the_odometer_fit_and_are_narrow(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows["intervals that hold the odometer's fit"]["ok"]
     for name, bar in zip(NAMES, WIDE, strict=True):
@@ -45,7 +45,7 @@ def test_intervals_hold_what_the_odometer_says_and_are_narrow(study):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
 
 
-def test_what_cannot_be_known_is_reported_and_a_run_beyond_is_flagged(study):
+def test_the_unobservable_gyro_scale_and_an_envelope_exit_are_reported(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows["the gyro's scale is called not identifiable"]["value"] is True
     assert rows["the run that leaves the envelope is flagged"]["value"] is True
@@ -56,7 +56,7 @@ def test_what_cannot_be_known_is_reported_and_a_run_beyond_is_flagged(study):
     ("a", {"model.drivetrain.delay_s": 0.0}),
     ("b", {"model.drivetrain.delay_s": 0.0}),
 ])  # fmt: skip
-def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, run, changes):
+def test_a_fit_repeated_from_its_own_estimate_gives_the_same_estimate(cpm_recordings, run, changes):
     recorded_run, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
     free = (*FREE, "model.drivetrain.delay_s")
     first = identify(recorded_run, car, free, use=("imu",))
@@ -65,9 +65,7 @@ def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, ru
 
 
 @pytest.mark.parametrize(("run", "held_out"), [("a", "b"), ("b", "a")])
-def test_innovations_that_the_other_run_contradicts_are_neither_advised_nor_believed(
-    cpm_recordings, run, held_out
-):
+def test_innovations_contradicted_by_the_other_run_are_not_used(cpm_recordings, run, held_out):
     """By the IMU alone their speed on the other run is 2.9 and 1.9 times as wrong as that of the simulation error."""
     recorded_run, unseen_run = (import_run(MAPS[name]).run for name in (run, held_out))
     car, errors = load("car").with_values(BARE), []
@@ -81,7 +79,7 @@ def test_innovations_that_the_other_run_contradicts_are_neither_advised_nor_beli
     assert fit.reasons[0].code == "cost.neither"
 
 
-def test_cover_and_width_are_counted_over_all_cases():
+def test_coverage_and_width_are_counted_over_all_cases():
     inside, width = np.ones((4, 5), bool), np.full((4, 5), 0.05)
     assert all(row["ok"] for row in of_intervals(inside, width))
     inside[:, 0], width[2, 1] = False, 0.41

@@ -27,7 +27,7 @@ def line(y, n=300):
     return np.column_stack([np.linspace(0.01, 3.0, n), np.full(n, y)])
 
 
-def test_a_tag_is_reported_once_where_the_vehicle_is_nearest_and_not_beside_its_radius():
+def test_a_tag_is_read_once_at_the_nearest_point():
     readings = readings_of(floor(), line(0.05))
     ((k, z),) = readings.items()
     assert z == pytest.approx([1.0, 0.05], abs=0.02)
@@ -35,7 +35,7 @@ def test_a_tag_is_reported_once_where_the_vehicle_is_nearest_and_not_beside_its_
     assert readings_of(floor(), line(0.11)) == {}
 
 
-def test_faults_come_as_often_as_they_should():
+def test_tag_faults_occur_at_the_specified_rate():
     ways = [readings_of(floor(seed, TagFaults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
     counts = np.bincount([len(way) for way in ways], minlength=3)
     assert counts[0] / 400 == pytest.approx(0.2, abs=0.06)
@@ -44,7 +44,7 @@ def test_faults_come_as_often_as_they_should():
     assert len(mistaken) / 400 == pytest.approx(0.04, abs=0.03)
 
 
-def test_compiled_steps_of_the_truth_that_are_longer_drive_the_same_way():
+def test_longer_compiled_steps_of_the_truth_give_the_same_path():
     robots = draw_robots(1, 4)
     robots = robots.changed(floor=0.0 * robots.floor)
     worlds = [
@@ -60,7 +60,7 @@ def test_compiled_steps_of_the_truth_that_are_longer_drive_the_same_way():
     assert worlds[0].truth.eta[0] == pytest.approx(worlds[1].truth.eta[0], abs=2e-3)
 
 
-def test_a_compiled_truth_is_the_truth():
+def test_the_compiled_truth_equals_the_truth():
     robots, u = vehicles(range(3)), np.array([[0.6, 0.0, 0.1], [0.5, 0.0, -0.3], [-0.7, 0.0, 0.0]])
     plain, compiled = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
     for _ in range(100):
@@ -74,7 +74,7 @@ def slow(f, *examples):
 
 
 @pytest.mark.long
-def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch):
+def test_laps_over_two_tags_have_bounded_errors_within_their_covariance(monkeypatch):
     """A gyro known to 3 % alone turns the heading by up to 43° in four laps."""
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(marks, "LEARNED", 3)
@@ -97,7 +97,7 @@ def marks_of(error_m, sd_m, laps=5, across_m=0.02, reading_mode="all read"):
     return Marks(tuple(laps_of(laps_per_run, "eight", reading_mode, [3, 4], laps)), 2, laps, ())
 
 
-def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_not_an_excuse():
+def test_a_robot_beside_its_route_fails_the_study_despite_faults():
     study = marks_of(0.02, 0.02, across_m=-0.12, reading_mode="faults")
     assert study.rows()[-1]["kept"] == 0.5
     assert "eight, faults: 50% of the robots keep the route, 90 % expected" in study.reasons
@@ -105,7 +105,7 @@ def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_not_an_excuse(
     assert "eight, all read, lap 3: 19 cm beside the route, 10 cm expected" in marks_of(0, 1, 3, 0.2).reasons
 
 
-def test_a_claim_that_is_true_is_usable_and_one_that_is_too_small_is_named():
+def test_a_too_small_covariance_is_named_by_the_study():
     assert marks_of(0.02, 0.02).verdict == "USABLE"
     sure = marks_of(0.05, 0.01)
     assert sure.verdict == "WARN"

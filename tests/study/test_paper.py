@@ -36,7 +36,7 @@ def test_friction_is_negative_as_in_the_paper(study):
         assert row["sd"] > 0
 
 
-def test_the_truth_is_the_papers(study):
+def test_the_truth_has_the_parameters_of_the_paper(study):
     truth = {row["name"]: row["truth"] for row in study.rows()}
     assert truth["d_lx"] == -7.0
     assert truth["d_cx"] == -3.5
@@ -44,37 +44,37 @@ def test_the_truth_is_the_papers(study):
     assert truth["T_33"] == pytest.approx(29.99)
 
 
-def test_what_a_vehicle_without_sideways_actuator_never_shows_is_none(study):
+def test_gains_of_the_absent_sideways_actuator_are_none(study):
     unseen_names = {row["name"] for row in study.rows() if row["estimate"] is None}
     assert unseen_names == {"T_12", "T_22", "T_32"}
     assert all(row["sd"] is None for row in study.rows() if row["estimate"] is None)
 
 
-def test_no_parameter_is_off_by_more_than_four_and_a_half_standard_errors(study):
+def test_no_parameter_error_exceeds_4_5_standard_errors(study):
     assert len(study.z) == 12
     assert np.abs(study.z).max() < 4.5
     assert study.verdict == "USABLE"
 
 
-def test_standard_errors_are_below_one_per_cent_of_all_but_d_cy(study):
+def test_all_standard_errors_except_d_cy_are_below_one_percent(study):
     for row in study.rows():
         if row["truth"] and row["estimate"] is not None and row["name"] != "d_cy":
             assert row["sd"] < 0.01 * abs(row["truth"]), row
 
 
-def test_the_table_shows_both_errors_and_what_is_not_observable(study):
+def test_the_table_shows_both_errors_and_unobservable_parameters(study):
     table = study.table()
     assert table.count("not observable") == 3
     assert "-7.30 %" in table  # d_lx of the paper
     assert table.endswith("verdict: USABLE")
 
 
-def test_a_fit_that_is_far_off_is_not_called_usable(study, monkeypatch):
+def test_a_fit_with_large_errors_is_not_called_usable(study, monkeypatch):
     monkeypatch.setattr(CaseStudy, "z", property(lambda self: np.array([0.1, 5.0])))
     assert study.verdict == "WARN"
 
 
-def test_the_dynamic_model_tells_accelerations_better_and_both_are_on_the_page(study):
+def test_the_dynamic_model_predicts_accelerations_better_than_the_kinematic_model(study):
     run, unseen_run = recorded(0)[1], recorded(1_000)[1]
     models = dynamic_vs_kinematic.compare_models(study.fits[0], run, unseen_run)
     dynamic, kinematic = dynamic_vs_kinematic.rows(models)
@@ -88,7 +88,7 @@ def test_the_dynamic_model_tells_accelerations_better_and_both_are_on_the_page(s
     assert "fig. evaluacion_real" in text
 
 
-def test_case_study_two_stands_beside_what_it_implies():
+def test_case_study_two_is_printed_with_its_implications():
     rows = ImpliedParameters().rows()
     assert "33.1 m" in rows[0]["implies"]
     assert "51 ms" in rows[1]["implies"]

@@ -1,4 +1,4 @@
-"""Recordings of real vehicles: each is held to its bar, and what is not there is named."""
+"""Recordings of real vehicles: each is compared with its bar, and a missing recording is named."""
 
 import json
 
@@ -23,18 +23,18 @@ def rows_of(module):
     return module.rows(lambda text: None, "auto")
 
 
-def test_a_car_that_saw_every_other_throttle_step_drives_the_others():
+def test_a_car_fitted_to_half_the_throttle_steps_predicts_the_others():
     rows = rows_of(dart)
     assert [row["quantity"] for row in rows[:2]] == ["held-out speed error [m/s rms]", "dead zone"]
     assert all(row["ok"] for row in rows), rows
 
 
-def test_a_sweep_of_the_duty_tells_the_dead_band_and_the_faster_wheel():
+def test_a_duty_sweep_identifies_dead_zone_and_faster_wheel():
     rows = rows_of(micromouse)
     assert all(row["ok"] for row in rows), rows
 
 
-def test_a_vehicle_that_skids_to_turn_is_predicted_from_its_wheels():
+def test_a_skid_steered_vehicle_is_predicted_from_its_wheels():
     """A fifth of the windows: the whole is in `baqueano study recordings`."""
     if missing_of(warthog.files()):
         pytest.skip("recordings drive_warthog_husky: set BAQUEANO_DATA to their folder")
@@ -52,7 +52,7 @@ def study_of(ok=True):
     return RecordingStudy((row, row | {"quantity": "told", "value": True}), ())
 
 
-def test_rows_table_and_page_say_what_is_met():
+def test_rows_table_and_page_report_the_met_bars():
     study = study_of()
     assert [list(row) for row in study.rows()] == [KEYS, KEYS]
     assert json.dumps(study.rows())
@@ -61,14 +61,14 @@ def test_rows_table_and_page_say_what_is_met():
     assert "All recordings" in page_of_recordings(study, None).html()
 
 
-def test_a_bar_that_is_missed_is_a_reason():
+def test_a_missed_bar_is_a_reason_of_the_verdict():
     study = study_of(ok=False)
     assert study.verdict == "WARN"
     assert study.reasons[0] == "one: speed [m/s] is 0.07123"
     assert "NO" in study.table()
 
 
-def test_a_recording_that_is_not_there_is_left_out_with_a_sentence(monkeypatch, tmp_path):
+def test_a_missing_recording_is_left_out_with_a_note(monkeypatch, tmp_path):
     monkeypatch.setenv("BAQUEANO_DATA", str(tmp_path))
     (tmp_path / "here.csv").touch()
 
@@ -99,7 +99,7 @@ def test_missing_recordings_are_named_and_end_with_code_3(monkeypatch, tmp_path,
     assert "set BAQUEANO_DATA to the folder that holds cpm_mucar" in printed.err
 
 
-def test_half_of_the_recordings_is_not_enough(monkeypatch, tmp_path):
+def test_half_of_the_recordings_do_not_give_a_verdict(monkeypatch, tmp_path):
     (tmp_path / "cpm_mucar").mkdir()
     for name in FILES[:3]:
         (tmp_path / "cpm_mucar" / f"{name}.csv.gz").touch()

@@ -32,7 +32,7 @@ def drive_truth(vehicles, u, seconds):
     return world, z
 
 
-def test_it_imports_nothing_of_the_house():
+def test_the_independent_truth_imports_no_other_baqueano_module():
     from pathlib import Path
 
     for path in Path(truth.__file__).parent.glob("*.py"):
@@ -45,7 +45,7 @@ def test_it_imports_nothing_of_the_house():
         assert all(name.startswith("baqueano.study.truth") for name in own_modules), path.name
 
 
-def test_straight_on_the_forces_balance_at_the_final_speed():
+def test_forces_balance_at_the_final_speed_of_straight_driving():
     q = robots(gain=np.ones((1, 2)), forward=np.full((1, 2), 0.3))
     world, _ = drive_truth(q, [0.6, 0.0, 0.0], 2.0)
     duty = round(255 * 0.6) / 255 - 0.3
@@ -57,12 +57,12 @@ def test_straight_on_the_forces_balance_at_the_final_speed():
     assert world.truth.nu[0, 0] == pytest.approx(brentq(left_over, 0.01, 2.0), rel=1e-4)
 
 
-def test_below_its_dead_zone_a_robot_stands():
+def test_a_robot_rests_below_its_dead_zone():
     world, _ = drive_truth(robots(3), [0.2, 0.0, 0.0], 0.2)
     assert np.all(world.truth.eta == 0.0)
 
 
-def test_on_a_steady_circle_the_imu_feels_the_centripetal_acceleration():
+def test_the_imu_measures_the_centripetal_acceleration_on_a_circle():
     q = robots()
     world, z = drive_truth(q.changed(imu=q.imu.changed(place_m=np.zeros((1, 2)))), [0.7, 0.0, 0.1], 1.0)
     v, _, w = world.truth.nu[0]
@@ -89,13 +89,13 @@ def test_a_higher_breakaway_needs_a_higher_command_to_start():
     assert (world.truth.eta[:, 0] > 0.002).tolist() == [True, False]
 
 
-def test_on_a_slope_a_robot_that_stands_across_feels_gravity_aside():
+def test_a_robot_across_a_slope_measures_sideways_gravity():
     q = robots(slope_rad=np.full(1, 0.1), slope_heading_rad=np.full(1, np.pi / 2))
     _, z = drive_truth(q, [0.0, 0.0, 0.0], 0.3)
     assert z[0, 1] == pytest.approx(9.80665 * np.sin(0.1), rel=0.02)
 
 
-def test_on_a_slope_a_car_rolls_down_until_its_drags_hold_it():
+def test_a_car_rolls_downhill_at_the_speed_of_force_balance():
     straight = {"servo_offset_rad": np.zeros(1)}
     q = cars(slope_rad=np.full(1, 0.1), slope_heading_rad=np.full(1, np.pi), **straight)  # downhill ahead
     world, z = drive_truth(q, [0.0, 0.0], 5.0)
@@ -110,7 +110,7 @@ def between(vehicles, **values):
     return vehicles.changed(transmission=Transmission.ideal(n).changed(**values))
 
 
-def test_a_wheel_that_slips_pushes_no_more_than_its_grip_and_runs_ahead():
+def test_a_slipping_wheel_has_limited_force_and_turns_faster():
     q = between(robots(2), grip_n=np.array([0.3, np.inf]))
     world = TruthWorld(q, range(2))
     velocities = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
@@ -120,7 +120,7 @@ def test_a_wheel_that_slips_pushes_no_more_than_its_grip_and_runs_ahead():
     assert world.rolled[1] == world.truth.nu[1, 0]
 
 
-def test_a_wheel_that_slips_once_rolls_again_when_little_is_asked():
+def test_a_slipping_wheel_grips_again_at_low_command():
     q = between(robots(), grip_n=np.array([0.5]))
     world, _ = drive_truth(q, [0.9, 0.0, 0.0], 0.3)
     spun = world.rolled[0] - world.truth.nu[0, 0]
@@ -129,7 +129,7 @@ def test_a_wheel_that_slips_once_rolls_again_when_little_is_asked():
     assert world.rolled[0] - world.truth.nu[0, 0] < 0.2 * spun
 
 
-def test_play_is_crossed_at_the_speed_of_a_motor_without_load():
+def test_backlash_is_crossed_at_no_load_speed():
     """With T = f and f = F (1 − e^(−t/λ)) at once felt, half of the play is ∫ f dt/e."""
     play, F, zero = 0.02, 1.69 * 0.4, np.zeros(1)
     q = between(robots(), play_m=np.full(1, play)).changed(
@@ -144,7 +144,7 @@ def test_play_is_crossed_at_the_speed_of_a_motor_without_load():
     assert world.t_s == pytest.approx(at, abs=0.0021)
 
 
-def test_in_its_play_a_robot_rolls_on_without_its_motor():
+def test_within_the_backlash_a_robot_rolls_without_motor_force():
     q = between(robots(), play_m=np.full(1, 1.0)).changed(dry=np.zeros((1, 3)), quadratic=np.zeros((1, 3)))
     world = TruthWorld(q, [0])
     world._x[0, 3] = 0.4
@@ -154,7 +154,7 @@ def test_in_its_play_a_robot_rolls_on_without_its_motor():
     )  # the back-EMF of the motor does not reach it
 
 
-def test_a_motor_of_the_second_order_follows_a_step_as_its_formula_says():
+def test_a_second_order_motor_has_the_analytic_step_response():
     a, b = 0.05, 0.08
     q = between(robots(), second_lag_s=np.full(1, b)).changed(lag_s=np.full(1, a), delay_s=np.zeros(1))
     world, _ = drive_truth(q, [0.8, 0.0, 0.0], 0.1)
@@ -164,7 +164,7 @@ def test_a_motor_of_the_second_order_follows_a_step_as_its_formula_says():
     np.testing.assert_allclose(world._x[0, 6:8], steady * part, rtol=1e-6)
 
 
-def test_what_lies_between_motor_and_floor_creates_no_energy():
+def test_grip_backlash_and_lag_create_no_energy():
     lossy = {"grip_n": np.full(2, 0.6), "play_m": np.full(2, 0.004), "second_lag_s": np.full(2, 0.03)}
     world, _ = drive_truth(between(robots(2), **lossy), [0.8, 0.0, 0.2], 0.5)
     q, energy = world.physics, []
@@ -188,8 +188,8 @@ def smooth_robots():
         (cars, [[0.3, 0.6], [0.5, -0.5], [-0.2, 0.3]]),
     ],
 )
-def test_its_step_is_fine_enough_however_the_delay_falls(make, us):
-    """Against an adaptive integrator that is begun anew wherever a command is felt, ticks of 10 and of 7.3 ms."""
+def test_the_integration_step_is_fine_enough_for_any_delay(make, us):
+    """Against an adaptive integrator restarted at each effective command, with ticks of 10 and of 7.3 ms."""
     vehicles = make()
     world, x, sends = TruthWorld(vehicles, [0]), np.zeros(vehicles.states), []
     for dt_s, u in zip([0.0073, 0.01] * 15, np.repeat(us, 10, axis=0), strict=True):
@@ -202,7 +202,7 @@ def test_its_step_is_fine_enough_however_the_delay_falls(make, us):
     np.testing.assert_allclose(world._x[0], x, atol=2e-7)
 
 
-def test_who_stands_beside_it_changes_nothing():
+def test_other_vehicles_do_not_change_a_simulation():
     two = draw_robots(2, 5)
     both, single = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
     for k in range(20):
@@ -210,7 +210,7 @@ def test_who_stands_beside_it_changes_nothing():
         np.testing.assert_array_equal(both.tick(u, 0.01)[1:], single.tick(u[1:], 0.01))
 
 
-def test_on_a_steady_circle_a_car_steers_more_by_its_understeer_gradient():
+def test_an_understeering_car_needs_more_steering_on_a_circle():
     """δ = L ω/v + U v ω at small angles, and neither more nor less with tyres that are alike."""
     lateral = {"grip_n": np.full((2, 2), 1e4), "tyre_n_rad": np.array([[15.0, 22.0], [20.0, 20.0]])}
     q = cars(2, **lateral, servo_offset_rad=np.zeros(2), servo_rad=np.full(2, 0.5))
@@ -222,7 +222,7 @@ def test_on_a_steady_circle_a_car_steers_more_by_its_understeer_gradient():
     np.testing.assert_allclose(z[:, 1], v * w, rtol=0.01)
 
 
-def test_a_car_settles_where_its_motor_balances_its_drags():
+def test_a_car_reaches_the_speed_of_force_balance():
     q = cars(servo_offset_rad=np.zeros(1))
     world, _ = drive_truth(q, [0.4, 0.0], 2.0)
     v = world.truth.nu[0, 0]
@@ -230,6 +230,6 @@ def test_a_car_settles_where_its_motor_balances_its_drags():
     assert force == pytest.approx(q.dry_n[0] + (q.rolling[0] + q.air[0] * v) * v, rel=0.03)
 
 
-def test_a_tyre_gives_no_more_than_its_grip():
+def test_the_tyre_force_is_limited_by_its_grip():
     world, z = drive_truth(cars(), [0.9, 0.9], 0.8)
     assert np.abs(z[0, 1]) < 1.02 * np.sum(world.physics.grip_n) / world.physics.mass_kg[0]

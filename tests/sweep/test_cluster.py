@@ -14,7 +14,7 @@ from tests.sweep.test_sweep import rows_of
 ASKED = {"routes": circle(0.3, 0.2), "controllers": ["kanayama", "lqr"], "seeds": (1, 2), "backend": "python"}
 
 
-def test_without_the_library_the_line_to_type_is_shown(monkeypatch):
+def test_a_missing_cluster_library_is_reported_with_the_install_command(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with refused("sweep.no-distributed", UsageError):
         bq.sweep(bq.load("small"), **ASKED, cluster="tcp://127.0.0.1:8786")
@@ -47,7 +47,7 @@ def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, serial
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_what_was_interrupted_on_a_cluster_goes_on_there(address, serial, tmp_path):
+def test_an_interrupted_sweep_on_a_cluster_is_resumed(address, serial, tmp_path):
     small, counts = bq.load("small"), []
 
     def until_two(n: int) -> None:

@@ -1,4 +1,5 @@
-"""Intervals of a ratio hold what they claim: of few drives, of few pieces, of errors that last; else they are NaN."""
+"""Intervals of a ratio have their nominal coverage: with few drives, few segments or correlated errors; otherwise they
+are NaN."""
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ def lasting(rng, time_s: float, length_s: float) -> tuple[np.ndarray, np.ndarray
 
 @pytest.mark.parametrize("spread", [0.3, 1.0])
 @pytest.mark.parametrize("drives", [5, 8, 10])
-def test_an_interval_of_few_drives_holds_what_it_claims(drives, spread):
+def test_an_interval_of_few_drives_has_its_nominal_coverage(drives, spread):
     """Drives as unequal as e^± `spread`, two cells equally good on them; percentiles of a bootstrap held 85 % of 5."""
     rng, inside = np.random.default_rng(drives), 0
     for _ in range(2000):
@@ -43,13 +44,13 @@ def trials(time_s: float, count: int = 500) -> tuple[float, float]:
     )
 
 
-def test_an_interval_of_six_pieces_holds_what_it_claims():
+def test_an_interval_of_six_segments_has_its_nominal_coverage():
     finite, inside = trials(0.5)
     assert finite > 0.98
     assert 0.92 <= inside <= 0.98
 
 
-def test_six_pieces_of_errors_that_last_5_s_cannot_tell():
+def test_six_segments_with_errors_correlated_for_5_s_give_no_interval():
     """Percentiles of a bootstrap held 76 % here. A drive whose errors seem to be short is the exception."""
     finite, inside = trials(5.0)
     assert finite < 0.15
@@ -60,7 +61,7 @@ def test_six_pieces_of_errors_that_last_5_s_cannot_tell():
     assert not comparison.significant
 
 
-def test_a_long_drive_of_lasting_errors_is_cut_into_longer_blocks():
+def test_a_long_drive_with_correlated_errors_gets_longer_blocks():
     rng = np.random.default_rng(5)
     a, b = (pieces_of(*lasting(rng, 5.0, 600.0)) for _ in range(2))
     difference = paired([a], [b])
@@ -71,7 +72,7 @@ def test_a_long_drive_of_lasting_errors_is_cut_into_longer_blocks():
 
 
 @pytest.mark.parametrize("time_s", [0.5, 2.0, 5.0])
-def test_the_correlation_time_is_that_of_the_squares(time_s):
+def test_the_correlation_time_is_computed_from_squared_errors(time_s):
     """Of a Gauss-Markov error with correlation e^(−t/T) the squares have e^(−2t/T): their time, 2 ∫ ρ dt, is T."""
     rng = np.random.default_rng(0)
     t_ns, e = lasting(rng, time_s, 20_000.0)
@@ -79,7 +80,7 @@ def test_the_correlation_time_is_that_of_the_squares(time_s):
     assert correlation_time(t_ns, np.ones(len(t_ns))) == 0.0
 
 
-def test_a_span_that_crosses_a_border_belongs_to_no_piece():
+def test_an_interval_across_a_border_belongs_to_no_segment():
     t_ns = np.arange(201) * 100_000_000  # 20 s
     whole = pieces_of(t_ns[:191], np.ones(191), span_s=1.0)  # begun at 0.0 … 19.0
     assert whole.samples == (91.0, 91.0)  # each within 0 … 10 s, or within 10 … 20 s
@@ -87,12 +88,12 @@ def test_a_span_that_crosses_a_border_belongs_to_no_piece():
     assert pieces_of(t_ns, np.ones(201), span_s=5.0).length_s == 20.0
 
 
-def test_a_short_rest_joins_the_piece_before():
+def test_a_short_remainder_joins_the_previous_segment():
     t_ns = np.arange(250) * 100_000_000
     assert pieces_of(t_ns, np.ones(250)).samples == (100.0, 150.0)
 
 
-def test_few_drives_are_compared_piece_by_piece_and_one_piece_has_no_interval():
+def test_few_drives_are_compared_by_segments():
     rng = np.random.default_rng(1)
     estimate, reference = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
     difference = paired([estimate], [reference])
@@ -103,8 +104,8 @@ def test_few_drives_are_compared_piece_by_piece_and_one_piece_has_no_interval():
     assert np.isnan(comparison.low)
 
 
-def test_a_drive_of_one_piece_beside_long_ones_leaves_no_interval():
-    """Nothing says how much its ratio scatters."""
+def test_a_drive_of_one_segment_prevents_an_interval():
+    """The scatter of its ratio is unknown."""
     rng = np.random.default_rng(2)
     long, short = (Pieces(tuple(rng.uniform(1.0, 2.0, n)), (1.0,) * n) for n in (12, 1))
     assert np.isnan(paired([long, short], [long, short]).low)

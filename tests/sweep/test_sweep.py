@@ -1,4 +1,5 @@
-"""A sweep: figures as others compute them, intervals that hold, the same rows whichever way it ran."""
+"""A sweep: figures equal to those of other programs, intervals with coverage, and the same rows in every execution
+mode."""
 
 import json
 
@@ -76,7 +77,7 @@ def test_ate_and_rpe_of_a_replay_are_those_of_evo(alignment, figures):
     assert np.isnan(shown["across_rms_m"])
 
 
-def test_a_vehicle_that_begins_beside_its_route_joins_it(result):
+def test_each_sweep_drive_joins_its_route_from_beside(result):
     rows = result.rows()
     assert [(row["cell"], row["drive"]) for row in rows[:3]] == [
         ("kanayama", "circle, seed 3"), ("kanayama", "circle, seed 4"), ("lqr", "circle, seed 3"),
@@ -88,7 +89,7 @@ def test_a_vehicle_that_begins_beside_its_route_joins_it(result):
     assert np.isnan(joined(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
 
 
-def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells, result, tmp_path):
+def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tmp_path):
     counts = []
 
     def until_two(n: int) -> None:
@@ -115,7 +116,7 @@ def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_a_kept_drive_is_of_its_blocks_text_and_seed(tmp_path, monkeypatch, small):
+def test_a_stored_drive_is_identified_by_block_source_and_seed(tmp_path, monkeypatch, small):
     from baqueano.sweep.cell import FileText, SweepJob, SweepSettings
     from baqueano.sweep.result import SweepCell
 
@@ -134,7 +135,7 @@ def test_a_kept_drive_is_of_its_blocks_text_and_seed(tmp_path, monkeypatch, smal
     assert by_class.figures == by_text.figures
 
 
-def test_recorded_runs_are_replayed_through_estimators_alone(small):
+def test_recorded_runs_are_replayed_only_through_estimators(small):
     run = bq.repeat(small, ROUTE, seed=1)
     result = one_process(
         run, estimators=["augmented_ekf", "dead_reckoning"], reference="dead_reckoning", processes=1
@@ -160,7 +161,7 @@ def test_recorded_runs_are_replayed_through_estimators_alone(small):
         ("compare.alignment", {"routes": ROUTE, "alignment": "all"}),
     ],
 )
-def test_what_cannot_be_driven_is_refused_before_the_first_drive(small, code, options):
+def test_an_impossible_sweep_is_refused_before_the_first_drive(small, code, options):
     with refused(code):
         one_process(small, **options, each=lambda n: pytest.fail("a drive was done"))
 
@@ -171,7 +172,7 @@ def test_vehicles_and_runs_are_not_mixed(small):
         one_process([small, run], routes=ROUTE)
 
 
-def test_a_sweep_is_shown_in_twelve_lines_as_a_card_a_frame_and_a_page(result, tmp_path):
+def test_a_sweep_is_printed_briefly_and_as_data_frame_and_page(result, tmp_path):
     assert len(repr(result).splitlines()) <= 12
     assert "lqr" in repr(result)
     assert max(map(len, result.table().splitlines())) <= 110

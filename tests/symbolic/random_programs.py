@@ -1,4 +1,4 @@
-"""Random programs, and what they compute: tick by tick through NumPy, and as one CasADi expression."""
+"""Random programs and their values: tick by tick through NumPy, and as one CasADi expression."""
 
 import operator
 from collections.abc import Callable, Iterable

@@ -1,4 +1,4 @@
-"""Which back end runs is chosen once, can be asked, and a broken compiler is no reason to stop."""
+"""The back end is chosen once and can be read; a broken compiler is not an error."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ def elsewhere(monkeypatch, tmp_path):
     monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
 
 
-def test_the_environment_chooses_where_the_caller_does_not(monkeypatch):
+def test_the_environment_variable_selects_the_default_back_end(monkeypatch):
     monkeypatch.setenv("BAQUEANO_BACKEND", "python")
     assert function(double, 1.0).backend == "python"
     assert function(double, 1.0, backend="numpy").backend == "numpy"
@@ -51,7 +51,7 @@ def test_a_compiler_that_fails_is_reported_once_and_python_is_used(elsewhere, mo
     assert errors.count("baqueano: Python is used instead of C") == 1
 
 
-def test_asked_for_c_alone_its_failure_is_an_error(elsewhere, monkeypatch):
+def test_a_failure_of_an_explicit_c_back_end_is_an_error(elsewhere, monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "false")
     with pytest.raises(RuntimeError):
         function(double, 1.0, backend="c")
@@ -66,7 +66,7 @@ def test_a_kernel_that_does_not_compile_is_run_by_python(elsewhere, monkeypatch,
     assert "does not compile" in capfd.readouterr().err
 
 
-def test_importing_the_engine_loads_numpy_and_nothing_heavy():
+def test_importing_the_engine_loads_only_numpy():
     code = (
         "import sys, numpy; before = set(sys.modules); import baqueano.symbolic; "
         "print(sorted({'scipy', 'casadi', 'ctypes', 'subprocess', 'jax'} & (set(sys.modules) - before)))"

@@ -1,4 +1,4 @@
-"""The cache of libraries: whatever happens to it, what is loaded is whole. Without a compiler, it is said."""
+"""The cache of libraries: a loaded library is always complete. A missing compiler is reported."""
 
 import subprocess
 import sys
@@ -40,7 +40,7 @@ def libraries(cache: Path) -> list[Path]:
     return sorted(cache.rglob("*" + compile.SUFFIX))
 
 
-def test_a_library_is_kept_in_a_folder_with_spaces_and_accents(cache):
+def test_a_library_is_cached_in_a_folder_with_spaces_and_accents(cache):
     assert compile.load(answer(41)).answer() == 41
     assert len(libraries(cache)) == 1
     before = libraries(cache)[0].stat().st_mtime_ns
@@ -49,7 +49,7 @@ def test_a_library_is_kept_in_a_folder_with_spaces_and_accents(cache):
     assert libraries(cache)[0].stat().st_mtime_ns == before
 
 
-def test_another_text_is_another_library(cache):
+def test_a_different_source_gives_a_different_library(cache):
     assert compile.load(answer(1)).answer() == 1
     assert compile.load(answer(2)).answer() == 2
     assert len(libraries(cache)) == 2
@@ -67,7 +67,7 @@ def test_a_damaged_library_is_built_again(cache, damage):
     assert [p.stat().st_size > 1000 for p in libraries(cache)] == [True]
 
 
-def test_two_processes_that_build_the_same_library_at_once_both_get_it(cache, tmp_path):
+def test_two_processes_can_build_the_same_library_at_once(cache, tmp_path):
     text = tmp_path / "answer.c"
     text.write_text(answer(43), encoding="utf-8")
     command = [sys.executable, "-c", SCRIPT, str(text)]
@@ -81,18 +81,18 @@ def test_two_processes_that_build_the_same_library_at_once_both_get_it(cache, tm
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a file in the place of a folder stops Windows elsewhere")
-def test_a_cache_that_cannot_be_written_is_done_without(cache):
+def test_compilation_works_without_a_writable_cache(cache):
     cache.parent.mkdir(parents=True)
     cache.write_text("a file where the folder should be")
     assert compile.load(answer(44)).answer() == 44
 
 
-def test_a_text_that_is_not_c_is_an_error_that_quotes_the_compiler(cache):
+def test_invalid_c_source_is_an_error_that_quotes_the_compiler(cache):
     with refused("compiler.refuses", compile.CompileError):
         compile.load("int answer(void) { return nonsense; }\n")
 
 
-def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
+def test_a_missing_compiler_is_reported_with_the_install_command(monkeypatch):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setattr(compile.importlib.util, "find_spec", lambda name: None)
@@ -105,14 +105,14 @@ def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
     compile._find.cache_clear()
 
 
-def test_a_compiler_that_is_named_but_missing_is_reported_by_name(monkeypatch):
+def test_a_configured_but_missing_compiler_is_reported_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
     search = compile.find()
     assert search.compiler is None
     assert search.reason == fault("compiler.no-command", found="no-such-compiler --fast")
 
 
-def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
+def test_the_message_of_a_failing_compiler_is_quoted(monkeypatch, cache):
     monkeypatch.setenv("BAQUEANO_CC", f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'")
     search = compile.find()
     assert search.compiler is None
@@ -122,7 +122,7 @@ def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
     )
 
 
-def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):
+def test_a_library_that_cannot_be_loaded_is_a_compile_error(monkeypatch, cache):
     def fail_build(folder, *_):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "damaged").write_text("not a library")
@@ -145,7 +145,7 @@ def test_flags_that_a_compiler_refuses_are_left_out(monkeypatch, cache):
     assert compile.load(answer(46)).answer() == 46
 
 
-def test_fast_math_is_never_asked_for():
+def test_fast_math_is_never_enabled():
     compiler = compile.find().compiler
     assert compiler is not None
     for operations in (10, 10_000, 100_000):

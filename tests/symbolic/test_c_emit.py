@@ -1,4 +1,4 @@
-"""What is computed where: each term once, before its use; out of the loop, or in a branch if that pays."""
+"""The schedule of computations: each term once, before its use; outside the loop, or in a branch if it is faster."""
 
 import numpy as np
 import pytest
@@ -58,7 +58,7 @@ def branches(statements) -> list[EmittedBranch]:
 
 @settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), operations=st.integers(1, 400))
-def test_every_schedule_can_be_run(seed, operations):
+def test_every_schedule_computes_terms_before_their_use(seed, operations):
     program = random_program(seed, operations=operations, m=8)
     roots = (*program.outputs, *program.next_carry)
     check(schedule(roots, is_leaf), set(), roots)
@@ -82,7 +82,7 @@ class Text:
         return node
 
 
-def test_a_number_times_its_sign_is_its_size_wherever_the_sign_stands_in_a_product():
+def test_a_number_times_its_sign_is_simplified_to_its_magnitude():
     t = Text()
     sign, size = t.make("sign", t.x), t.make("abs", t.x)
     assert t.make("mul", t.x, sign) is t.make("mul", sign, t.x) is size
@@ -90,7 +90,7 @@ def test_a_number_times_its_sign_is_its_size_wherever_the_sign_stands_in_a_produ
     assert t.make("mul", t.y, sign).op == "mul"
 
 
-def test_a_value_of_two_sources_and_three_users_is_a_row_of_its_own():
+def test_a_shared_value_is_differentiated_as_its_own_row():
     """Of 15 parameters, in two blocks: six terms and three products against five terms."""
     t = Text()
     theta, speed = tuple(t.graph.symbol(f"p{k}") for k in range(15)), t.graph.symbol("speed")
@@ -101,7 +101,7 @@ def test_a_value_of_two_sources_and_three_users_is_a_row_of_its_own():
     assert [len(row.args) // 2 for row in tangent.outputs] == [1, 1, 1]
 
 
-def test_work_of_one_arm_is_done_in_that_arm_alone():
+def test_terms_of_one_arm_are_computed_only_in_their_arm():
     t = Text()
     product = t.make("mul", t.x, t.y)
     next_count = t.long(product)
@@ -117,7 +117,7 @@ def test_work_of_one_arm_is_done_in_that_arm_alone():
     assert any(s is product for s in statements)
 
 
-def test_work_that_both_arms_or_others_need_stays_outside():
+def test_terms_needed_outside_an_arm_are_computed_before_the_branch():
     t = Text()
     common = t.long(t.x)
     output = t.make("where", t.flag, t.long(common), t.long(t.make("mul", common, t.y)))
@@ -132,7 +132,7 @@ def test_a_small_choice_is_not_a_branch():
     assert not branches(schedule([output], is_leaf))
 
 
-def test_choices_in_a_row_by_one_condition_are_branches_in_a_row():
+def test_consecutive_choices_by_one_condition_are_consecutive_branches():
     t = Text()
     first = t.make("where", t.flag, t.long(t.x), t.x)
     between = t.make("sin", first)
@@ -142,7 +142,7 @@ def test_choices_in_a_row_by_one_condition_are_branches_in_a_row():
     assert len(branches(statements)) == 2
 
 
-def test_two_conditions_that_wait_for_each_other_are_taken_apart():
+def test_two_mutually_dependent_branches_are_separated():
     t = Text()
     condition = t.make("lt", t.x, t.y)
     a = t.make("where", t.flag, t.long(t.x), t.x)
@@ -153,7 +153,7 @@ def test_two_conditions_that_wait_for_each_other_are_taken_apart():
     check(statements, set(), [c, d])
 
 
-def test_a_branch_in_an_arm_stands_in_that_arm():
+def test_a_nested_branch_is_emitted_inside_its_arm():
     t = Text()
     gate = t.make("lt", t.x, t.y)
     inner = t.make("where", gate, t.long(t.x), t.long(t.y))
@@ -164,7 +164,7 @@ def test_a_branch_in_an_arm_stands_in_that_arm():
 
 
 @pytest.mark.parametrize("depth", [3, 300])
-def test_deep_nests_and_long_chains_take_no_recursion(depth):
+def test_deep_nesting_and_long_chains_need_no_recursion(depth):
     t = Text()
     nest = chain = t.x
     for k in range(depth):
@@ -173,7 +173,7 @@ def test_deep_nests_and_long_chains_take_no_recursion(depth):
     check(schedule([nest, chain], is_leaf), set(), [nest, chain])
 
 
-def test_what_depends_on_parameters_alone_leaves_the_loop():
+def test_terms_of_parameters_alone_are_computed_before_the_loop():
     t = Text()
     exponential = t.make("exp", t.theta)
     output = t.make("mul", exponential, t.x)
@@ -205,7 +205,7 @@ def test_a_divisor_of_the_tick_is_inverted_when_it_divides_twice():
 
 
 @needs_compiler
-def test_both_sides_of_a_branch_give_what_they_should():
+def test_both_arms_of_a_branch_give_correct_values():
     t = Text()
     x, y = t.x, t.y
     for _ in range(20):

@@ -87,7 +87,7 @@ def test_normal_equations_are_those_of_the_sensitivities(cases, p, huber):
     assert np.array_equal(hessian, hessian.T)
 
 
-def test_a_kernel_without_parameters_has_a_cost_and_no_slopes():
+def test_a_kernel_without_parameters_has_a_cost_and_no_derivatives():
     case = Case(random_program(seed=0, p=0))
     outputs, slopes = case.sensitivities()
     assert slopes.size == 0
@@ -97,7 +97,7 @@ def test_a_kernel_without_parameters_has_a_cost_and_no_slopes():
 
 
 @pytest.mark.parametrize("p", [4, 11])
-def test_total_is_the_sum_and_its_gradient(cases, p):
+def test_the_total_is_the_sum_with_its_gradient(cases, p):
     case = Case(cases[p].program._replace(outputs=cases[p].program.outputs[:1]))
     outputs, slopes = case.sensitivities()
     cost, none = case.kernel.total(*case.given(), False)
@@ -110,7 +110,7 @@ def test_total_is_the_sum_and_its_gradient(cases, p):
 
 @pytest.mark.parametrize("count", [1, 8, 13])
 @pytest.mark.parametrize("shared_inputs", [(True, True, True), (True, False, False)])
-def test_each_lane_is_a_run_of_its_own(cases, count, shared_inputs):
+def test_each_lane_equals_a_separate_run(cases, count, shared_inputs):
     case = cases[5]
     draw = np.random.default_rng(count)
     theta, start = draw.normal(size=(count, 5)), draw.normal(size=(count, len(case.start)))
@@ -130,7 +130,7 @@ def test_each_lane_is_a_run_of_its_own(cases, count, shared_inputs):
         close(final[lane], last)
 
 
-def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatch):
+def test_distributing_lanes_over_processors_does_not_change_results(cases, monkeypatch):
     case = cases[5]
     draw = np.random.default_rng(0)
     theta, start = draw.normal(size=(43, 5)), draw.normal(size=(43, len(case.start)))
@@ -150,7 +150,7 @@ def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatc
     assert np.array_equal(*results)
 
 
-def test_parts_for_the_processors_cover_all_vehicles_once():
+def test_parts_for_processors_cover_every_vehicle_once():
     for count in (1, 7, 8, 100, 10_000):
         for n in (1, 10_000):
             parts = c._parts(count, n)
@@ -158,7 +158,7 @@ def test_parts_for_the_processors_cover_all_vehicles_once():
             assert all(part.start % 8 == 0 for part in parts)
 
 
-def test_bound_arrays_are_read_anew_at_every_call(cases):
+def test_bound_arrays_are_read_again_at_every_call(cases):
     case = cases[5]
     outputs, final = np.empty((case.n, len(case.program.outputs))), np.empty(len(case.program.carry))
     theta = case.theta.copy()
@@ -182,7 +182,7 @@ def one_step(output, graph: Graph, theta: tuple, x: tuple) -> Case:
     return Case(Program(graph, theta, (), (), (), x, (), tuple(output)), n=1)
 
 
-def test_nan_goes_where_it_is_read_and_nowhere_else():
+def test_nan_affects_only_the_outputs_that_use_the_input():
     graph = Graph()
     x, y, k = (graph.symbol(name) for name in "xyk")
     make = graph.make
@@ -202,7 +202,7 @@ def test_nan_goes_where_it_is_read_and_nowhere_else():
 
 
 @pytest.mark.parametrize("depth", [1, 12])  # a select, and a branch
-def test_an_arm_that_is_not_taken_leaves_no_nan_in_the_derivatives(depth):
+def test_an_inactive_arm_adds_no_nan_to_the_derivatives(depth):
     graph = Graph()
     k, x = graph.symbol("k"), graph.symbol("x")
     make = graph.make
@@ -220,7 +220,7 @@ def test_an_arm_that_is_not_taken_leaves_no_nan_in_the_derivatives(depth):
 
 
 @pytest.mark.parametrize("size", [2, 3, 7, 5000])
-def test_tables_are_read_as_by_numpy(size):
+def test_table_lookup_equals_numpy(size):
     draw = np.random.default_rng(size)
     xp, fp = np.sort(draw.normal(size=size)), draw.normal(size=size)
     graph = Graph()
@@ -245,7 +245,7 @@ def test_tables_are_read_as_by_numpy(size):
     close(lanes[0], outputs)
 
 
-def test_no_ticks_leave_the_start_as_it_is(cases):
+def test_a_run_without_ticks_returns_the_start(cases):
     case = Case(cases[5].program, n=0)
     assert case.run()[0].shape[0] == 0
     close(case.run()[1], in_numpy(case.program, case.theta, case.start, case.inputs)[1])

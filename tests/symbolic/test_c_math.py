@@ -94,7 +94,7 @@ def test_relative_error_is_a_few_units_in_the_last_place(library, name, width):
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", TWO)
-def test_functions_of_two_arguments_too(library, name, width):
+def test_error_of_two_argument_functions_is_a_few_units_in_last_place(library, name, width):
     draw = np.random.default_rng(1)
     for low, high in ((1e-150, 1e150), (1e-2, 1e2)):
         a = magnitudes(low, high, signs=name != "pow")
@@ -112,7 +112,7 @@ def same(computed: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", ONE)
-def test_zeros_infinities_and_nan_come_out_as_in_numpy(library, name, width):
+def test_zeros_infinities_and_nan_give_the_numpy_result(library, name, width):
     computed, expected = evaluate(library, name, width, SPECIAL), oracle(name, SPECIAL)
     if name in ("sin", "tan"):
         computed, expected = computed + 0.0, expected + 0.0  # ours lose the sign of −0
@@ -121,7 +121,7 @@ def test_zeros_infinities_and_nan_come_out_as_in_numpy(library, name, width):
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", TWO)
-def test_pairs_of_zeros_infinities_and_nan_come_out_as_in_numpy(library, name, width):
+def test_pairs_of_zeros_infinities_and_nan_give_the_numpy_result(library, name, width):
     a, b = (np.ascontiguousarray(x.ravel()) for x in np.meshgrid(SPECIAL, SPECIAL))
     computed, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
     if name in ("min", "max"):
@@ -142,7 +142,7 @@ def test_overflow_is_infinite_and_underflow_is_gradual(library, width):
 
 @pytest.mark.parametrize("width", WIDTHS)
 @pytest.mark.parametrize("name", ["sin", "cos"])
-def test_far_angles_keep_the_precision_that_the_angle_has(library, name, width):
+def test_large_angles_retain_full_precision(library, name, width):
     for limit in (1e9, 1e14, 1e300):
         x = magnitudes(1e6, limit)
         computed, expected = evaluate(library, name, width, x), oracle(name, x)

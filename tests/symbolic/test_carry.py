@@ -1,4 +1,4 @@
-"""What need not be carried is not: mirrored, constant and dead entries; and it is put back."""
+"""Mirrored, constant and unused entries are not carried, and are restored at the end."""
 
 from typing import NamedTuple
 
@@ -58,7 +58,7 @@ def program(kernel, keep_all=True):
 START = Belief(np.array([0.1, 0.5, 1.0]), np.eye(3))
 
 
-def test_the_josephs_form_of_a_filter_stays_symmetric_and_is_carried_by_half():
+def test_a_joseph_form_covariance_is_carried_as_one_triangle():
     kernel = traced(ekf(joseph), START, np.zeros(2))
     assert kernel.symmetric == {"carry.cov"}
     assert len(program(kernel).carry) == 3 + 6
@@ -69,14 +69,14 @@ def test_the_josephs_form_of_a_filter_stays_symmetric_and_is_carried_by_half():
     assert np.array_equal(last.cov, last.cov.T)
 
 
-def test_symmetry_saves_work():
+def test_symmetry_reduces_the_number_of_operations():
     start = START._replace(cov=np.eye(3) + np.triu(np.full((3, 3), 0.1), 1))  # not symmetric
     whole, half = traced(ekf(joseph), start, np.zeros(2)), traced(ekf(joseph), START, np.zeros(2))
     assert whole.symmetric == set()
     assert half.operations < 0.9 * whole.operations
 
 
-def test_what_only_looks_symmetric_at_the_start_is_not_believed():
+def test_a_matrix_symmetric_only_at_the_start_is_carried_completely():
     kernel = traced(ekf(short), START, np.zeros(2))
     assert kernel.symmetric == set()
     assert len(program(kernel).carry) == 3 + 9
@@ -101,7 +101,7 @@ def test_a_mirrored_matrix_is_symmetric_however_it_was_computed():
     assert traced(ekf(update), START, np.zeros(2)).symmetric == {"carry.cov"}
 
 
-def test_a_product_that_was_written_to_is_forgotten():
+def test_an_overwritten_product_is_not_treated_as_symmetric():
     def step(cov, x):
         A = np.array([[1.0, x], [0.0, 2.0]])
         B = A @ cov
@@ -111,7 +111,7 @@ def test_a_product_that_was_written_to_is_forgotten():
     assert traced(step, np.eye(2), 0.0).symmetric == set()
 
 
-def test_a_complement_that_was_written_to_is_forgotten():
+def test_an_overwritten_complement_is_not_treated_as_symmetric():
     def step(c, x):
         K = np.array([[x], [2.0 * x]])
         A = np.eye(2) - K @ np.array([[1.0, 0.5]])
@@ -123,7 +123,7 @@ def test_a_complement_that_was_written_to_is_forgotten():
     np.testing.assert_allclose(computed, expected, rtol=1e-14)
 
 
-def test_what_a_step_returns_as_it_came_is_not_a_state():
+def test_an_unchanged_carry_entry_is_not_a_state():
     def step(carry, u):
         x, bias, scale = carry
         return (x + scale * u + bias[0], bias, scale), x
@@ -140,7 +140,7 @@ def test_what_a_step_returns_as_it_came_is_not_a_state():
         assert last[2] == scale
 
 
-def test_a_constant_start_that_depends_on_theta_keeps_its_derivative():
+def test_a_constant_start_dependent_on_theta_has_its_derivative():
     def start(theta):
         return theta[0], theta[1] ** 2
 
@@ -155,7 +155,7 @@ def test_a_constant_start_that_depends_on_theta_keeps_its_derivative():
     assert kernel.run(np.ones(3), theta)[0] == (27.5, 9.0)
 
 
-def test_dead_entries_are_named_and_only_left_out_where_nobody_asks():
+def test_unused_carry_entries_are_named_and_omitted():
     def step(theta, carry, u):
         v, pose = carry
         v = v + 0.1 * (u - theta[0] * v)
@@ -168,7 +168,7 @@ def test_dead_entries_are_named_and_only_left_out_where_nobody_asks():
     assert kernel.run(np.ones(5), np.ones(1))[0][1][0] == pytest.approx(0.5, abs=0.01)
 
 
-def test_an_entry_is_alive_if_another_that_is_alive_needs_it():
+def test_an_entry_is_used_if_a_used_entry_depends_on_the_entry():
     def step(theta, carry, u):
         a, b, c, d = carry
         return (a + b, b * theta[0], c + d, d), a

@@ -1,4 +1,4 @@
-"""What cannot be traced is refused with the user's file and line, and with what to write instead."""
+"""Code that cannot be traced is refused with the user's file and line, and with a remedy."""
 
 import math
 import re
@@ -80,7 +80,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_trace_error_names_the_line_and_what_to_write(name):
+def test_a_trace_error_names_the_line_and_a_remedy(name):
     f, code = CASES[name]
     with refused(code, TraceError) as error_info:
         function(f, X, backend="python")
@@ -103,7 +103,7 @@ def test_a_value_of_another_trace_is_refused():
         function(keeps_a_value, X, backend="python")
 
 
-def test_an_error_of_the_users_own_passes_through():
+def test_an_exception_of_user_code_is_not_changed():
     class OutOfPaper(Exception):
         pass
 
@@ -114,13 +114,13 @@ def test_an_error_of_the_users_own_passes_through():
         function(f, X)
 
 
-def test_untraced_derivatives_may_branch_on_values_but_not_lose_them():
+def test_untraced_derivatives_may_branch_on_values_but_need_floats():
     assert jacobian(lambda x: x * x if x > 0 else -x)(3.0) == 6.0
     with refused("trace.needs-float", TraceError):
         jacobian(lambda x: math.sin(x))(3.0)
 
 
-def test_configuration_may_branch():
+def test_a_branch_on_configuration_is_allowed():
     def f(x, mode="paper", limit=np.inf):
         return x if mode == "paper" and limit > 1.0 and x is not None and len(x) == 3 else -x
 
@@ -147,7 +147,7 @@ WRONG_STEPS = {
 
 
 @pytest.mark.parametrize("name", WRONG_STEPS)
-def test_a_step_that_returns_another_carry_is_refused(name):
+def test_a_step_that_returns_a_different_carry_is_refused(name):
     step, code, figures = WRONG_STEPS[name]
     with refused(code, TraceError, **figures):
         scan(step, (0.0, X), 0.0, backend="python")
@@ -189,14 +189,14 @@ WRONG_CALLS = {
 
 @pytest.mark.parametrize("backend", ["numpy", "python"])
 @pytest.mark.parametrize("name", WRONG_CALLS)
-def test_a_wrong_call_of_a_scan_says_what_was_expected(name, backend):
+def test_a_wrong_call_of_a_scan_is_refused_with_the_expectation(name, backend):
     call, expected = WRONG_CALLS[name]
     with refused(expected[0], ValueError, **expected[1]):
         call(scan(step, 0.0, 0.0, np.ones(1), backend=backend))
 
 
 @pytest.mark.parametrize("backend", ["numpy", "python"])
-def test_what_a_scan_cannot_give_it_says(backend):
+def test_an_unsupported_request_to_a_scan_is_refused(backend):
     plain = scan(lambda c, x: (c, (c, x)), 0.0, 0.0, backend=backend)
     with refused("engine.no-theta", ValueError):
         plain.run(X, [1.0])
@@ -221,6 +221,6 @@ def test_what_a_scan_cannot_give_it_says(backend):
         ("gains", ("path.shape", {"path": "gains", "expected": "(2,)", "found": "()"})),
     ],
 )
-def test_a_wrong_path_is_explained(path, expected):
+def test_an_error_in_a_path_has_an_explanation(path, expected):
     with refused(expected[0], (ValueError, AttributeError), **expected[1]):
         put({"friction": {"a": 1.0}, "gains": np.ones(2)}, path, 1.0)

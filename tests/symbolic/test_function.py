@@ -98,7 +98,7 @@ def assert_same(computed, expected):
         assert computed == expected
 
 
-def test_trees_go_in_and_come_out_as_they_are(backend):
+def test_trees_have_the_same_structure_after_a_call(backend):
     turn = function(rotate, *ARGUMENTS, backend=backend)
     assert turn.backend == backend
     assert_same(turn(*ARGUMENTS), rotate(*ARGUMENTS))
@@ -106,7 +106,7 @@ def test_trees_go_in_and_come_out_as_they_are(backend):
     assert_same(turn(*arguments), rotate(*arguments))
 
 
-def test_results_of_two_calls_are_apart(backend):
+def test_results_of_two_calls_do_not_share_memory(backend):
     double = function(lambda x: 2.0 * x, np.ones(3), backend=backend)
     first = double(np.ones(3))
     double(np.zeros(3))
@@ -114,11 +114,11 @@ def test_results_of_two_calls_are_apart(backend):
     assert first.tolist() == [3.0] * 3
 
 
-def test_arguments_may_have_names(backend):
+def test_arguments_may_be_passed_by_name(backend):
     assert function(lambda x, y: x - y, 1.0, 2.0, backend=backend)(y=1.0, x=3.0) == 2.0
 
 
-def test_numbers_of_all_sorts_are_numbers(backend):
+def test_all_numeric_types_are_accepted(backend):
     add = function(lambda x, y: x + y, 1.0, np.ones(2), backend=backend)
     for x in (1, True, 1.0, np.float64(1.0), np.float32(1.0), np.int32(1), np.array(1.0)):
         assert np.asarray(add(x, np.ones(2))).tolist() == [2.0, 2.0]
@@ -164,13 +164,13 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_another_shape_is_refused_with_its_name(name):
+def test_a_different_shape_is_refused_with_its_name(name):
     arguments, expected = WRONG[name]
     with refused(expected[0], (ValueError, TypeError), **expected[1]):
         function(rotate, *ARGUMENTS, backend="python")(*arguments)
 
 
-def test_an_equal_text_is_the_same_text():
+def test_an_equal_string_argument_is_accepted():
     label = function(lambda x, word: x * len(word), 1.0, "north", backend="python")
     assert label(2.0, "".join(["no", "rth"])) == 10.0
 
@@ -212,7 +212,7 @@ def kept_traces(monkeypatch):
     return module._cache
 
 
-def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept_traces):
+def test_only_blocks_with_equal_parameters_share_a_compiled_step(kept_traces):
     for k, gain in enumerate((2.0, 2, 0.0, -0.0)):
         for _ in range(2):
             assert compiled(ScaledBlock(gain), "python").step(3.0) == 3.0 * gain
@@ -243,7 +243,7 @@ def test_a_compiled_block_has_the_fields_of_the_block():
     assert "Filter" in repr(fast)
 
 
-def test_threads_do_not_mix_their_numbers(backend):
+def test_threads_do_not_mix_their_results(backend):
     f = function(lambda x: np.cumsum(x), np.zeros(50), backend=backend)
     wrong = []
 
@@ -260,7 +260,7 @@ def test_threads_do_not_mix_their_numbers(backend):
     assert not wrong
 
 
-def test_a_function_without_arguments_or_numbers_is_a_function(backend):
+def test_a_function_without_arguments_or_numbers_is_compiled(backend):
     assert function(lambda: 3.0, backend=backend)() == 3.0
     assert function(lambda x: None, 1.0, backend=backend)(1.0) is None
     assert function(lambda word: word, "yes", backend=backend)("yes") == "yes"
@@ -311,7 +311,7 @@ class Apart:
         return Belief2(belief.t_ns + 1, mean, self.G @ belief.cov @ self.G.T), mean[0]
 
 
-def test_a_state_that_comes_back_is_reported_with_what_was_written_into_it(backend):
+def test_values_written_into_a_returned_state_are_used(backend):
     plain, fast = Apart(), compiled(Apart(), backend=backend)
     belief, fast_belief = plain.init(), fast.init()
     for k in range(6):
@@ -329,7 +329,7 @@ def test_a_state_that_comes_back_is_reported_with_what_was_written_into_it(backe
     assert_same(fast.step(fast_belief, 9.0)[0], kept_belief)
 
 
-def test_where_a_zero_does_not_last_the_general_kernel_runs(backend):
+def test_the_general_kernel_runs_if_a_zero_changes(backend):
     plain, fast = Apart(), compiled(Apart(), backend=backend)
     belief, _ = fast.step(fast.init(), 1.0)
     for entry, value in ((0, 2), 0.3), ((2, 1), -0.2), ((1, 2), 0.7):
@@ -342,7 +342,7 @@ def test_where_a_zero_does_not_last_the_general_kernel_runs(backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS[1:])
-def test_zeros_that_last_are_left_out_of_the_text(backend):
+def test_constant_zeros_are_left_out_of_the_source(backend):
     fast = compiled(Apart(), backend=backend)
     fast.step(fast.init(), 1.0)
     (step_function,) = fast._steps.values()

@@ -167,7 +167,7 @@ def close(computed, expected, name, tolerance=1e-12):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_compiled_text_gives_what_numpy_gives(backend):
+def test_compiled_code_gives_the_numpy_results(backend):
     fast = function(all_of_them, *POINTS[0], backend=backend)
     for point in POINTS:
         for name, computed, expected in zip(IDIOMS, fast(*point), all_of_them(*point), strict=True):
@@ -176,7 +176,7 @@ def test_compiled_text_gives_what_numpy_gives(backend):
 
 
 @pytest.mark.parametrize("name", IDIOMS)
-def test_es13_derivatives_are_the_limit_of_differences(name):
+def test_es13_derivatives_match_finite_differences(name):
     x, y, A = POINTS[0]
     slope, h = jacobian(IDIOMS[name])(x, y, A), 1e-6
     for k, e in enumerate(np.eye(3) * h):

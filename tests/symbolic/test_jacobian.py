@@ -31,7 +31,7 @@ def close(computed, expected, tolerance=1e-12):
 
 @settings(max_examples=25)
 @given(x=vectors)
-def test_es13_the_jacobian_is_casadis(x):
+def test_es13_the_jacobian_equals_that_of_casadi(x):
     s = ca.SX.sym("x", 3)
     y = ca.vertcat(ca.sin(s[0]) * s[1], ca.exp(s[2]) + s[0] ** 2)
     close(jacobian(bent)(x), np.array(ca.Function("f", [s], [ca.jacobian(y, s)])(x)))
@@ -39,7 +39,7 @@ def test_es13_the_jacobian_is_casadis(x):
 
 @settings(max_examples=25)
 @given(x=vectors)
-def test_a_derivative_of_a_derivative_is_casadis_hessian(x):
+def test_a_second_derivative_equals_the_hessian_of_casadi(x):
     s = ca.SX.sym("x", 3)
     hessian = np.array(ca.Function("f", [s], [ca.hessian(ca.sqrt(ca.dot(s, s) + 1.0), s)[0]])(x))
     close(jacobian(jacobian(length))(x), hessian)
@@ -57,29 +57,29 @@ def test_shapes_are_those_of_the_output_then_the_argument():
     assert jacobian(lambda x: [x[0], 1.0])(x).tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
 
 
-def test_untraced_results_are_plain_floats():
+def test_untraced_derivatives_are_plain_floats():
     assert jacobian(bent)(np.ones(3)).dtype == float
     assert type(jacobian(bent)(np.ones(3))) is np.ndarray
 
 
-def test_every_argument_has_its_own():
+def test_every_argument_has_its_own_jacobian():
     x, y = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     close(jacobian(lambda x, y: x * y, 0)(x, y), np.diag(y))
     close(jacobian(lambda x, y: x * y, 1)(x, y), np.diag(x))
 
 
-def test_integers_are_derived_too():
+def test_integer_arguments_have_derivatives():
     close(jacobian(lambda x: x**2)(np.array([1, 2])), np.diag([2.0, 4.0]))
 
 
-def test_the_inner_derivative_does_not_see_the_outer_one():
+def test_nested_derivatives_do_not_interfere():
     # d/dx [x · d/dy (x + y)] = 1: the classical confusion of perturbations would say 2
     assert jacobian(lambda x: x * jacobian(lambda y: x + y)(1.0))(1.0) == 1.0
     close(jacobian(lambda x: jacobian(lambda y: x[0] * y * y)(x[1]))(np.array([3.0, 5.0])), [10.0, 6.0])
 
 
 @pytest.mark.parametrize("backend", ["numpy", "python"])
-def test_a_derivative_inside_a_step_inside_a_gradient(backend):
+def test_a_gradient_of_a_step_with_a_derivative_is_correct(backend):
     def step(theta, x, u):
         slope = jacobian(lambda x: np.sin(theta[0] * x) + theta[1] * x * x)(x)
         return x + 0.1 * slope * u, slope * slope
@@ -99,13 +99,13 @@ class Spring:
         return -self.stiffness * x**3
 
 
-def test_methods_and_partial_functions_are_functions():
+def test_methods_and_partial_functions_can_be_differentiated():
     assert jacobian(Spring(2.0).force)(3.0) == -54.0
     close(jacobian(partial(bent, k=2.0))(np.zeros(3))[1], [0.0, 0.0, 2.0])
     assert jacobian(bent).__name__ == "bent"
 
 
-def test_derivatives_leave_nothing_behind():
+def test_derivatives_do_not_leave_state_behind():
     jacobian(bent)(np.ones(3))
     gc.collect()
     before = sum(isinstance(x, Dual | Node) for x in gc.get_objects())

@@ -56,7 +56,7 @@ def test_every_operator_is_that_of_numpy_and_neither_raises_nor_warns(op):
 @pytest.mark.parametrize("op", IN_CASADI)
 @settings(max_examples=20)
 @given(numbers=st.tuples(number, number, number), signs=st.tuples(*[st.sampled_from([1.0, -1.0])] * 3))
-def test_slopes_are_those_of_casadi(op, numbers, signs):
+def test_derivatives_equal_those_of_casadi(op, numbers, signs):
     count = 3 if op == "where" else 2 if IN_NUMPY.get(op) and IN_NUMPY[op].nin == 2 else 1
     signs = (1.0, 1.0, 1.0) if op in ("log", "sqrt", "pow") else signs
     limit = INSIDE.get(op, INF)
@@ -73,14 +73,14 @@ def test_slopes_are_those_of_casadi(op, numbers, signs):
     np.testing.assert_allclose([row.get(k, 0.0) for k in range(count)], expected, rtol=1e-12, atol=1e-12)
 
 
-def test_a_power_with_two_unknowns_is_derived_by_both():
+def test_a_power_has_derivatives_by_base_and_exponent():
     a, b = Dual(1.3, {0: 1.0}, 1), Dual(0.7, {1: 1.0}, 1)
     row = power(a, b).row
     np.testing.assert_allclose([row[0], row[1]], [0.7 * 1.3**-0.3, math.log(1.3) * 1.3**0.7], rtol=1e-15)
     assert slope(power(0.0, b)) == 0.0
 
 
-def test_slopes_at_a_kink_are_harmless():
+def test_derivatives_at_a_kink_are_finite():
     zero = Dual(0.0, {0: 1.0}, 1)
     assert slope(apply("hypot", zero, zero)) == 0.0
     assert slope(apply("atan2", zero, zero)) == 0.0
@@ -160,7 +160,7 @@ EQUAL = [
 
 
 @pytest.mark.parametrize("case", range(len(SIMPLE)))
-def test_what_is_known_before_run_time_is_not_a_node(case):
+def test_constant_expressions_are_simplified_without_a_node(case):
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     make, expected = SIMPLE[case]
@@ -169,7 +169,7 @@ def test_what_is_known_before_run_time_is_not_a_node(case):
 
 
 @pytest.mark.parametrize("case", range(len(EQUAL)))
-def test_equal_texts_are_one_node_and_mean_the_same(case):
+def test_equal_expressions_share_one_node(case):
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     first, second = EQUAL[case]
@@ -178,13 +178,13 @@ def test_equal_texts_are_one_node_and_mean_the_same(case):
         np.testing.assert_allclose(float(first(a, b) + 0.0), float(second(a, b) + 0.0), rtol=1e-15)
 
 
-def test_signed_zeros_are_two_constants_and_nan_is_one():
+def test_signed_zeros_are_different_constants_and_all_nan_are_equal():
     graph = Graph()
     assert graph.const(0.0) is not graph.const(-0.0)
     assert graph.const(NAN) is graph.const(-NAN)
 
 
-def test_equal_tables_are_one():
+def test_equal_tables_are_stored_once():
     graph = Graph()
     x = graph.symbol("x")
     table = np.array([0.0, 1.0]), np.array([2.0, 4.0])
@@ -193,7 +193,7 @@ def test_equal_tables_are_one():
     assert len(graph.tables) == 1
 
 
-def test_substitution_simplifies_again():
+def test_a_substituted_expression_is_simplified_again():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     (node,) = graph.substitute([x * y + apply("sin", y)], {y: graph.const(0.0)})
@@ -201,14 +201,14 @@ def test_substitution_simplifies_again():
     assert node.value == 0.0
 
 
-def test_below_gives_arguments_before_users():
+def test_below_returns_arguments_before_their_users():
     graph = Graph()
     x = graph.symbol("x")
     order = below([x * x + 1.0, x])
     assert order.index(x) < next(k for k, node in enumerate(order) if node.op == "mul")
 
 
-def test_partials_of_a_node_leave_out_what_is_flat():
+def test_partial_derivatives_that_are_zero_are_omitted():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     assert partials(x < y) == ()
@@ -218,7 +218,7 @@ def test_partials_of_a_node_leave_out_what_is_flat():
 
 @settings(max_examples=30)
 @given(seed=st.integers(0, 10**6))
-def test_random_expressions_by_forward_rows_are_casadis(seed):
+def test_forward_derivatives_of_random_expressions_equal_casadi(seed):
     from .random_programs import in_casadi, in_numpy, random_program
 
     program = random_program(seed, p=3, operations=30)._replace(carry=(), next_carry=(), initial=(), start=())

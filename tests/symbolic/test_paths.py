@@ -50,7 +50,7 @@ SYSTEM = System(Body(Friction(), 1.5), {"imu": [1.0, 2.0]})
         ("noise", np.eye(2)),
     ],
 )
-def test_what_was_put_is_got_and_the_original_stays(path, value):
+def test_put_returns_a_changed_copy_of_the_original(path, value):
     before = get(SYSTEM, path)
     new = put(SYSTEM, path, value)
     assert np.all(get(new, path) == value)
@@ -59,21 +59,21 @@ def test_what_was_put_is_got_and_the_original_stays(path, value):
     assert type(new.model) is Body
 
 
-def test_only_what_lies_on_the_path_is_copied():
+def test_only_objects_on_the_path_are_copied():
     new = put(SYSTEM, "model.mass", 3.0)
     assert new.model.friction is SYSTEM.model.friction
     assert new.sensors is SYSTEM.sensors
     assert new.model.computed == 2.0  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_arrays_keep_their_shape_and_entries():
+def test_put_preserves_shape_and_other_entries_of_arrays():
     T = {"T": np.arange(6.0).reshape(2, 3)}
     assert put(T, "T[1,2]", 9.0)["T"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 9.0]]
     assert put(T, "T[1]", np.zeros(3))["T"].tolist() == [[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]
     assert put((1.0, 2.0), "[1]", 3.0) == (1.0, 3.0)
 
 
-def test_symbols_may_be_put_into_blocks_and_their_arrays():
+def test_symbols_can_be_put_into_blocks_and_arrays():
     def loss(theta):
         system = put(SYSTEM, "model.friction.linear[2]", theta[0])
         system = put(system, "model.friction.dry", theta[1])
@@ -93,7 +93,7 @@ def test_symbols_may_be_put_into_blocks_and_their_arrays():
         ("model.computed", "Body", note("name.unknown", known="friction, mass")),
     ],
 )
-def test_an_unknown_name_lists_the_known_ones(path, kind, near):
+def test_an_unknown_name_is_refused_with_valid_names(path, kind, near):
     for call in (lambda: get(SYSTEM, path), lambda: put(SYSTEM, path, 1.0)):
         with refused("path.no-such-name", AttributeError, kind=kind, near=near):
             call()

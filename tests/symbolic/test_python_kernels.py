@@ -55,7 +55,7 @@ def test_derivatives_are_those_of_casadi(seed):
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
-def test_every_lane_is_a_run_of_its_own(seed):
+def test_every_lane_equals_a_separate_run(seed):
     program = random_program(seed)
     case, draw, lanes = Case(program), np.random.default_rng(seed), 3
     theta = draw.normal(size=(lanes, len(program.theta)))
@@ -74,7 +74,7 @@ def test_every_lane_is_a_run_of_its_own(seed):
         close(final[k], case.run()[1])
 
 
-def test_bound_arrays_are_read_anew_at_every_call():
+def test_bound_arrays_are_read_again_at_every_call():
     case = Case(random_program(3))
     outputs, final = np.empty((case.n, len(case.program.outputs))), np.empty(len(case.program.carry))
     call = case.kernel.bind(*case.given(), outputs, final)
@@ -86,7 +86,7 @@ def test_bound_arrays_are_read_anew_at_every_call():
     close(outputs, case.run()[0])
 
 
-def test_after_a_division_by_zero_the_careful_text_goes_on():
+def test_after_a_division_by_zero_the_careful_kernel_continues():
     graph = Graph()
     x = graph.symbol("x")
     program = one_tick(
@@ -102,7 +102,7 @@ def test_after_a_division_by_zero_the_careful_text_goes_on():
     close(outputs[2], [-1.0, np.nan, np.nan, -1.0, np.inf, np.sin(-1.0), 2.0])
 
 
-def test_an_arm_that_is_not_taken_is_not_computed_if_nothing_else_needs_it():
+def test_an_inactive_arm_is_not_computed():
     graph = Graph()
     x = graph.symbol("x")
     program = one_tick(apply("where", x != 0.0, 1.0 / x, 0.0), inputs=(x,))
@@ -112,7 +112,7 @@ def test_an_arm_that_is_not_taken_is_not_computed_if_nothing_else_needs_it():
     assert outputs[0, 0] == 0.0
 
 
-def test_minimum_and_maximum_keep_nan_as_numpy_does():
+def test_minimum_and_maximum_propagate_nan_like_numpy():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     program = one_tick(apply("min", x, y), apply("max", x, y), inputs=(x, y))
@@ -122,7 +122,7 @@ def test_minimum_and_maximum_keep_nan_as_numpy_does():
     close(outputs, np.column_stack([np.minimum(*rows.T), np.maximum(*rows.T)]))
 
 
-def test_a_long_chain_of_single_uses_is_not_too_deep_for_the_parser():
+def test_a_long_chain_of_terms_can_be_parsed():
     graph = Graph()
     x = graph.symbol("x")
     y = x
@@ -135,7 +135,7 @@ def test_a_long_chain_of_single_uses_is_not_too_deep_for_the_parser():
     assert np.isfinite(outputs).all()
 
 
-def test_truths_add_up_in_lanes():
+def test_booleans_are_summed_in_lanes():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     program = one_tick((x > 0.0) + (y > 0.0), -(x > 0.0), inputs=(x, y))
@@ -156,7 +156,7 @@ def test_truths_add_up_in_lanes():
 
 
 @pytest.mark.parametrize("points", [2, 3, 1000])
-def test_tables_are_read_as_by_numpy(points):
+def test_table_lookup_equals_numpy(points):
     draw = np.random.default_rng(points)
     table = np.sort(draw.normal(size=points)), draw.normal(size=points)
     graph = Graph()
@@ -173,7 +173,7 @@ def test_tables_are_read_as_by_numpy(points):
     close(own[:, 0, 0], outputs[:, 0])
 
 
-def test_normal_equations_bend_beyond_k():
+def test_normal_equations_apply_the_huber_loss():
     from baqueano.symbolic.derivatives.residuals import normal_equations
 
     r, slopes = np.array([[0.5], [-3.0]]), np.array([[[1.0, 2.0]], [[0.5, -1.0]]])
@@ -185,7 +185,7 @@ def test_normal_equations_bend_beyond_k():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_one_tick_that_is_bound_is_a_tick_of_the_loop(seed):
+def test_a_bound_tick_equals_a_tick_of_the_loop(seed):
     program = random_program(seed)
     bound_nodes = (*program.theta, *program.start, *program.carry)
     tick = Program(program.graph, (), (), (), (), (*bound_nodes, *program.inputs), (), program.outputs * 2)
@@ -205,7 +205,7 @@ def test_one_tick_that_is_bound_is_a_tick_of_the_loop(seed):
         close(outputs, expected)
 
 
-def test_a_bound_tick_goes_on_after_a_division_by_zero():
+def test_a_bound_tick_continues_after_a_division_by_zero():
     graph = Graph()
     x = graph.symbol("x")
     program = one_tick(1.0 / x, apply("where", x < 0.5, 2.0, 1.0 / x), inputs=(x,))

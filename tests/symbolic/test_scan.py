@@ -1,4 +1,4 @@
-"""What a scan gives, by every back end, against a loop that a reader can check."""
+"""The results of a scan, by every back end, against a loop that a reader can check."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -108,7 +108,7 @@ def differences(f, theta, h=1e-6):
     return np.stack([(f(theta + h * e) - f(theta - h * e)) / (2 * h) for e in np.eye(len(theta))], axis=-1)
 
 
-def test_a_run_is_the_loop_over_the_ticks(kernel, backend):
+def test_a_run_equals_the_loop_over_the_ticks(kernel, backend):
     assert kernel.backend == backend
     last, output = kernel.run(pushes(), THETA)
     expected, outputs = by_hand(filtered, THETA)
@@ -120,7 +120,7 @@ def test_a_run_is_the_loop_over_the_ticks(kernel, backend):
     assert output.y.shape == (N, 2)
 
 
-def test_integers_truths_and_words_come_back_as_they_were(kernel):
+def test_integers_booleans_and_strings_are_returned_unchanged(kernel):
     last, output = kernel.run(pushes(), THETA)
     assert type(last.t_ns) is int
     assert last.t_ns == 2**50 + 10 * (N - 1)
@@ -136,12 +136,12 @@ def test_a_run_may_start_from_another_carry(kernel):
     close(kernel.run(pushes(), THETA, carry=start)[0].x, by_hand(filtered, THETA, start)[0].x)
 
 
-def test_a_carry_that_is_not_symmetric_is_taken_as_it_is(kernel):
+def test_a_nonsymmetric_carry_is_used_unchanged(kernel):
     start = START._replace(cov=np.array([[1.0, 0.2], [0.7, 1.0]]))
     close(kernel.run(pushes(), THETA, carry=start)[0].cov, by_hand(filtered, THETA, start)[0].cov)
 
 
-def test_two_runs_are_one_longer_run(kernel):
+def test_two_consecutive_runs_equal_one_longer_run(kernel):
     every, halves = pushes(), []
     for part in (slice(0, 3), slice(3, N)):
         halves.append(Push(*(leaf[part] for leaf in every)))
@@ -149,7 +149,7 @@ def test_two_runs_are_one_longer_run(kernel):
     close(kernel.run(halves[1], THETA, carry=middle)[0].x, kernel.run(every, THETA)[0].x)
 
 
-def test_sensitivities_are_the_limit_of_differences(backend):
+def test_sensitivities_match_finite_differences(backend):
     kernel = scan(residuals, START, EXAMPLE, THETA, backend=backend)
 
     def outputs(theta):
@@ -161,7 +161,7 @@ def test_sensitivities_are_the_limit_of_differences(backend):
     close(slopes, differences(outputs, THETA), 1e-7)
 
 
-def test_sensitivities_of_the_start_come_for_free(backend):
+def test_sensitivities_include_the_start(backend):
     def start(theta):
         return START._replace(x=np.array([theta[0] * 0.1, theta[1]]), cov=theta[2] * np.eye(2))
 
@@ -203,7 +203,7 @@ def test_normal_equations_are_those_of_the_sensitivities(backend, huber):
     close(equations.hessian, np.einsum("ni,nip,niq->pq", w, slopes, slopes), 1e-11)
 
 
-def test_lanes_are_runs_side_by_side(kernel):
+def test_lanes_equal_separate_runs(kernel):
     theta = np.array([THETA, 1.1 * THETA, 0.9 * THETA])
     inputs, second = pushes(), pushes(seed=1)
     u = np.stack([inputs.u, second.u, -second.u])
@@ -218,7 +218,7 @@ def test_lanes_are_runs_side_by_side(kernel):
     assert kernel.batch(inputs._replace(u=u), theta, carry=start)[1] is None
 
 
-def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(kernel, backend):
+def test_lanes_start_from_the_example_or_from_theta(kernel, backend):
     theta = np.array([THETA, 1.1 * THETA])
     last, _ = kernel.batch(pushes(), theta)
     close(last.x[1], kernel.run(pushes(), theta[1])[0].x)
@@ -230,7 +230,7 @@ def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(k
     close(compiled.batch(pushes(), theta)[0].x[1], compiled.run(pushes(), theta[1])[0].x)
 
 
-def test_lanes_of_a_matrix_that_is_not_symmetric(kernel):
+def test_lanes_accept_a_nonsymmetric_matrix(kernel):
     cov = np.array([np.eye(2), [[1.0, 0.2], [0.7, 1.0]]])
     last, _ = kernel.batch(pushes(), np.array([THETA, THETA]), carry=START._replace(cov=cov))
     close(last.cov[1], by_hand(filtered, THETA, START._replace(cov=cov[1]))[0].cov)
@@ -246,7 +246,7 @@ def test_without_theta_a_step_has_two_arguments(backend):
     close(kernel.batch(np.array([[1.0, 2.0], [5.0, 6.0]]))[0], [4.0, 12.0])
 
 
-def test_an_integer_that_does_not_stay_one_is_a_float(backend):
+def test_an_integer_that_becomes_fractional_is_a_float(backend):
     def step(c, x):
         return (c[0] + 0.5, c[1] + 1, True, 2.5, c[4] - c[0]), c[0]
 
@@ -257,7 +257,7 @@ def test_an_integer_that_does_not_stay_one_is_a_float(backend):
     close(output, [0.0, 0.5, 1.0])
 
 
-def test_lists_dicts_and_nothing_are_trees_too(backend):
+def test_lists_dicts_and_none_are_trees(backend):
     def step(carry, x):
         a, b = carry["pair"]
         return {"pair": [b, a + x["u"]], "none": None}, (a, [None, {"b": b}])
@@ -270,7 +270,7 @@ def test_lists_dicts_and_nothing_are_trees_too(backend):
     close(by_name["b"], [2.0, 2.0])
 
 
-def test_no_ticks_leave_the_start_as_it_is(backend):
+def test_a_run_without_ticks_returns_the_start(backend):
     kernel = scan(
         lambda c, x: (c + x, 2.0 * c), 1.5, 0.0, backend="python" if backend == "numpy" else backend
     )
@@ -279,7 +279,7 @@ def test_no_ticks_leave_the_start_as_it_is(backend):
     assert output.shape == (0,)
 
 
-def test_a_long_route_is_read_as_a_table(backend):
+def test_a_long_route_is_compiled_as_a_table(backend):
     s = np.linspace(0.0, 10.0, 5000)
     route = np.sin(s)
 
@@ -293,7 +293,7 @@ def test_a_long_route_is_read_as_a_table(backend):
     close(slopes[:, 0, 0], t * np.cos(0.7 * t), 1e-2)
 
 
-def test_a_scan_says_what_it_is(kernel, backend):
+def test_a_scan_has_back_end_operation_count_and_source(kernel, backend):
     assert kernel.backend == backend
     if backend != "numpy":
         assert 50 < kernel.operations < 500
@@ -312,7 +312,7 @@ def test_whole_periods_are_counted_alike_by_every_back_end(backend, period):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_one_array_is_read_where_it_lies_and_never_written_to(backend):
+def test_an_input_array_is_read_at_each_call_and_never_changed(backend):
     inputs = np.arange(21.0).reshape(N, 3)
     kernel = scan(
         lambda p, x, u: (x + p[0] * u, x * u), np.zeros(3), np.zeros(3), np.ones(1), backend=backend

@@ -34,7 +34,7 @@ def test_sums_in_lanes_are_those_of_each_run(kernel):
     np.testing.assert_allclose(kernel.batch_sums(X, theta)[0], sums, rtol=1e-12)
 
 
-def test_each_lane_may_have_inputs_and_a_start_of_its_own(kernel):
+def test_each_lane_may_have_its_own_inputs_and_start(kernel):
     theta, inputs = np.ones((3, 3)), np.stack([X, 2.0 * X, -X])
     start = (np.array([0.0, 0.1, 0.2]), np.zeros(3))
     sums, _ = kernel.batch_sums(inputs, theta, 1, carry=start)

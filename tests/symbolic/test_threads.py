@@ -1,4 +1,4 @@
-"""Kernels of one trace that several threads ask for at once: each is made once, and the nodes keep their numbers."""
+"""Several threads request kernels of one trace at once: each kernel is made once, and the nodes have stable numbers."""
 
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -30,7 +30,7 @@ def kernel_of(backend="c"):
     return scan(step, np.zeros(2), np.zeros(2), np.zeros(3), backend=backend)
 
 
-def test_threads_that_ask_at_once_get_what_one_gets():
+def test_simultaneous_threads_get_the_single_thread_result():
     u, theta = np.random.default_rng(0).normal(size=(50, 2)), np.array([0.5, -0.3, 1.2])
     reference = kernel_of().sensitivities(u, theta)
     kernel, together = kernel_of(), Barrier(THREADS)

@@ -16,7 +16,7 @@ def originals():
     return [getattr(np, name) for name in NAMES]
 
 
-def test_numpy_is_put_back_after_a_trace_and_after_an_error():
+def test_numpy_is_restored_after_a_trace_and_after_an_error():
     before = originals()
     function(lambda x: np.array([x, jacobian(np.sin)(x)]), 1.0, backend="python")
     assert originals() == before
@@ -25,7 +25,7 @@ def test_numpy_is_put_back_after_a_trace_and_after_an_error():
     assert originals() == before
 
 
-def test_a_trace_inside_a_trace_does_not_end_the_outer_one():
+def test_a_nested_trace_does_not_end_the_outer_trace():
     def f(x):
         slope = jacobian(lambda x: np.array([x[0] * x[1], x[1]]))(x)
         A = np.zeros((2, 2))
@@ -36,7 +36,7 @@ def test_a_trace_inside_a_trace_does_not_end_the_outer_one():
     np.testing.assert_allclose(fast(np.array([2.0, 3.0])), [[3.0, 4.0], [0.0, 1.0]])
 
 
-def test_other_threads_get_what_they_always_got():
+def test_tracing_does_not_change_numpy_in_other_threads():
     inside, leave, types = threading.Event(), threading.Event(), []
 
     def trace():
@@ -78,7 +78,7 @@ def test_traces_in_many_threads_give_their_own_results():
     assert originals() == before
 
 
-def test_only_floats_make_room_for_scalars():
+def test_only_float_arrays_become_traced_arrays():
     with tracing():
         assert type(np.zeros(2)) is TracedArray
         assert type(np.array([1.0, 2.0])) is TracedArray
@@ -91,7 +91,7 @@ def test_only_floats_make_room_for_scalars():
         assert type(np.asarray(np.arange(3.0))) is np.ndarray
 
 
-def test_known_values_are_computed_by_numpy():
+def test_constant_values_are_computed_by_numpy():
     with tracing():
         A = np.eye(2) * 2.0
         assert type(A) is TracedArray
@@ -104,7 +104,7 @@ def test_known_values_are_computed_by_numpy():
         assert f"{A[0, 0]:.1f}" == "2.0"
 
 
-def test_a_view_that_is_written_to_changes_its_base():
+def test_writing_to_a_view_changes_its_base():
     def f(x):
         A = np.zeros((2, 2))
         row = A[0]

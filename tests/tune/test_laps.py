@@ -26,7 +26,7 @@ def test_the_cost_of_a_lap_equals_that_of_tune(laps):
 
 
 @pytest.mark.parametrize("price", [0.0, 0.1, 1.0])
-def test_the_slope_is_that_of_differences(laps, price):
+def test_the_gradient_of_a_lap_matches_finite_differences(laps, price):
     gains, (p, step) = laps.space.before, (1, 1e-5)
     slope = laps.cost_and_gradient(gains, price)[1]
     sides = [laps.lap(gains + sign * step * np.eye(len(gains))[p]) for sign in (1, -1)]
@@ -34,7 +34,7 @@ def test_the_slope_is_that_of_differences(laps, price):
     assert slope[p] == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=1e-4)
 
 
-def test_a_descent_goes_down_step_by_step_within_the_bounds(laps):
+def test_each_step_of_a_descent_reduces_the_cost_within_bounds(laps):
     space = laps.space
     start = space.low + 0.05 * (space.high - space.low)
     descent = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, space.low, space.high)
@@ -46,5 +46,5 @@ def test_a_descent_goes_down_step_by_step_within_the_bounds(laps):
     assert np.all(descent.gains <= space.high)
 
 
-def test_another_controller_has_its_own_gains():
+def test_each_controller_has_its_own_gains():
     assert simulated_laps(load("small"), ROUTE, "kanayama").space.names[-3:] == ("k_x", "k_y", "k_chi")

@@ -1,4 +1,4 @@
-"""Margins are those of python-control, and of a loop with more delay or gain: it becomes unstable where they say."""
+"""Margins equal those of python-control, and a loop with more delay or gain becomes unstable at its margins."""
 
 import control
 import numpy as np
@@ -81,14 +81,14 @@ EVEN = {
 }  # the channels are independent
 
 
-def test_a_vehicle_with_more_delay_has_so_much_less_margin():
+def test_additional_delay_reduces_the_delay_margin_by_its_amount():
     file = load("small").with_values(EVEN)
     late, controller = file.with_values({"model.drivetrain.delay_s": 0.05}), file.controller()
     near, far = (loop_margins(each, controller, 0.2)[1].delay_s for each in (file, late))
     assert near - far == pytest.approx(0.04, abs=1e-3)
 
 
-def test_a_gain_that_shakes_the_vehicle_is_unstable():
+def test_a_gain_that_makes_the_loop_oscillate_has_no_margin():
     file = with_papers_pd()
     calm = put(put(file.controller(), "alpha", 4.0), "beta", 1.0)
     wild = put(calm, "beta", 200.0)
@@ -96,5 +96,5 @@ def test_a_gain_that_shakes_the_vehicle_is_unstable():
     assert not any(m.stable for m in loop_margins(file, wild, 0.2))
 
 
-def test_a_route_that_stands_has_no_margins():
+def test_a_route_at_rest_has_no_margins():
     assert loop_margins(load("small"), load("small").controller(), 0.0) == ()

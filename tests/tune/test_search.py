@@ -18,7 +18,7 @@ def bowl(target):
     return lambda g: both(g)[0], both
 
 
-def test_the_least_cost_inside_the_bounds_is_found_from_every_start():
+def test_the_search_reaches_the_minimum_from_every_start():
     target = np.array([7.0, 0.02, 20.0])
     descents = search(*bowl(target), LOW, HIGH, own=[np.array([90.0, 9.0, 2.0])])
     assert len(descents) == 4
@@ -26,12 +26,10 @@ def test_the_least_cost_inside_the_bounds_is_found_from_every_start():
         np.testing.assert_allclose(descent.gains, target, rtol=1e-3, atol=1e-3)
         assert descent.cost == pytest.approx(1.0, abs=1e-9)
         assert descent.cost == pytest.approx(min(descent.costs), abs=1e-9)
-        assert descent.costs[0] == pytest.approx(bowl(target)[0](descent.start)), (
-            "it tells from where it came"
-        )
+        assert descent.costs[0] == pytest.approx(bowl(target)[0](descent.start)), "it contains its start"
 
 
-def test_a_gain_whose_optimum_is_beyond_its_bound_ends_there_and_is_reported():
+def test_a_gain_with_its_optimum_beyond_a_bound_is_flagged():
     best = search(*bowl(np.array([200.0, -3.0, 20.0])), LOW, HIGH)[0]
     np.testing.assert_allclose(best.gains, [100.0, 0.0, 20.0], rtol=1e-4, atol=1e-6)
     assert at_limit(best.gains, LOW, HIGH).tolist() == [1, -1, 0]
@@ -42,7 +40,7 @@ def test_a_gain_can_leave_the_bound_it_starts_on():
     np.testing.assert_allclose(best.gains, [7.0, 5.0, 20.0], rtol=1e-3)
 
 
-def test_the_scale_of_gains_is_smooth_and_its_slope_is_exact():
+def test_the_gain_scale_is_smooth_with_an_exact_derivative():
     x = np.array([0.0, 0.3, 1.0])
     np.testing.assert_allclose(place(gains(x, LOW, HIGH), LOW, HIGH), x, atol=1e-12)
     d = 1e-6
@@ -50,7 +48,7 @@ def test_the_scale_of_gains_is_smooth_and_its_slope_is_exact():
     np.testing.assert_allclose(stretch(x, LOW, HIGH), slope, rtol=1e-8)
 
 
-def test_gains_that_explode_are_left_and_do_not_spoil_the_others():
+def test_gains_of_an_unstable_loop_do_not_disturb_other_descents():
     _, both = bowl(np.array([7.0, 1.0, 20.0]))
 
     def wild(g):
@@ -61,7 +59,7 @@ def test_gains_that_explode_are_left_and_do_not_spoil_the_others():
     assert descents[-1].cost == UNUSABLE
 
 
-def test_the_cube_is_covered_evenly():
+def test_the_search_starts_cover_the_cube_evenly():
     x = halton(24, 3)
     assert x.min() > 0
     assert x.max() < 1
@@ -74,12 +72,12 @@ def test_too_many_gains_are_refused():
         halton(3, 13)
 
 
-def test_without_scipy_the_message_gives_the_command_to_type(without_scipy):
+def test_a_missing_scipy_is_reported_with_the_install_command(without_scipy):
     with refused("lab.scipy-for-tuning", UsageError):
         search(*bowl(LOW), LOW, HIGH)
 
 
-def test_rough_ground_is_searched_on_without_slopes():
+def test_a_rough_cost_is_searched_without_gradients():
     target = np.array([7.0, 0.5, 20.0])
 
     def rough(g):

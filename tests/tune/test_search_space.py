@@ -1,4 +1,4 @@
-"""Gains of any controller: entries of arrays, classes of one's own, and the vehicle file with them."""
+"""Gains of any controller: entries of arrays, user classes, and the vehicle file with the gains."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_each_entry_of_an_array_is_a_gain():
     assert block.e_max.tolist() == [2.0, 3.0, 4.0]
 
 
-def test_an_array_is_named_as_a_whole_or_by_an_entry():
+def test_an_array_gain_is_named_as_a_whole_or_by_entry():
     assert search_space(load("small"), ["e_max"], controller="lqr").names == (
         "e_max[0]",
         "e_max[1]",
@@ -45,7 +45,7 @@ def test_an_array_is_named_as_a_whole_or_by_an_entry():
     assert (space.names, space.low[0], space.high[0]) == (("e_max[1]",), 0.01, 1.0)
 
 
-def test_the_gradient_by_an_entry_is_exact():
+def test_the_gradient_with_respect_to_an_entry_is_exact():
     drive = rehearse(load("small"), ROUTE, controller="lqr", gains=["e_max", "k_i"], duration_s=1.0)
     gains = drive.space.before
     slope = drive.cost_and_gradient(gains)[1]
@@ -54,21 +54,21 @@ def test_the_gradient_by_an_entry_is_exact():
     np.testing.assert_allclose(slope, numeric, rtol=2e-3, atol=1e-7)
 
 
-def test_another_controller_is_written_with_its_kind(lqr):
+def test_a_tuned_controller_is_written_with_its_kind(lqr):
     file = lqr.applied()
     assert file.data["controller"]["kind"] == "lqr"
     np.testing.assert_allclose(file.controller().e_max, lqr.controller.e_max, rtol=1e-3)
     assert file.provenance["controller.e_max"].run == "tune, perfect pose"
 
 
-def test_gains_of_the_controller_before_leave_the_file(lqr):
+def test_gains_of_the_previous_controller_are_removed_from_the_file(lqr):
     before = load("small").with_values({"controller.k_x": 2.0}, {"controller.k_x": {"run": "tune"}})
     file = before.with_values({"controller.kind": "lqr", "controller.k_i": 0.3})
     assert file.data["controller"] == {"kind": "lqr", "k_i": 0.3}
     assert "controller.k_x" not in file.provenance
 
 
-def test_the_cost_that_is_reported_is_that_of_a_drive_with_these_gains(lqr):
+def test_the_reported_cost_is_that_of_a_drive_with_these_gains(lqr):
     """The memory of a quadratic regulator begins with its gains."""
     drive = rehearse(lqr.applied(), ROUTE, gains=["e_max"], duration_s=1.0)
     assert drive.cost(drive.space.before) == pytest.approx(lqr.cost, rel=1e-3)
@@ -89,7 +89,7 @@ def own_class(module: str = "__main__") -> type:
     return Steady
 
 
-def test_a_class_of_a_cell_is_tuned_and_its_block_can_drive():
+def test_a_controller_class_of_a_notebook_cell_is_tuned():
     tuning = tune(load("small"), ROUTE, controller=own_class("a cell"), gains=["k"], **QUICK)
     assert tuning.cost < tuning.cost_before
     assert tuning.controller.k == tuning.values["k"] != 1.0
@@ -97,7 +97,7 @@ def test_a_class_of_a_cell_is_tuned_and_its_block_can_drive():
         tuning.applied()
 
 
-def test_a_soft_bound_is_widened_and_a_hard_one_is_kept():
+def test_a_soft_bound_is_widened_and_a_hard_bound_is_not():
     space = search_space(load("small"), ["e_max[0]", "k_i"], controller="lqr")
     wider = space.widened(np.array([1, 1]))
     assert wider.high.tolist() == [4.0 * space.high[0], 10.0]
@@ -106,8 +106,8 @@ def test_a_soft_bound_is_widened_and_a_hard_one_is_kept():
     assert space.widened(np.array([-1, 0])).low[0] == space.low[0] / 4.0
 
 
-def test_a_gain_on_a_soft_bound_is_searched_for_again_beyond_it():
-    """A drive of a second wants a far heavier error ahead than the first bounds allow."""
+def test_a_gain_at_a_soft_bound_is_searched_again_with_wider_bounds():
+    """A drive of one second needs a far larger weight on the forward error than the first bounds allow."""
     narrow = load("small").with_values({"controller.kind": "lqr", "controller.e_max": [40.0, 0.05, 0.3]})
     first = search_space(narrow, ["e_max[0]"])
     tuning = tune(narrow, ROUTE, gains=["e_max[0]"], **QUICK)

@@ -1,4 +1,4 @@
-"""The gains that `tune` finds are the least cost of the paper's drive; words say when not to trust them."""
+"""The gains of `tune` minimise the cost of the paper's drive; the text warns about unreliable gains."""
 
 import sys
 
@@ -42,7 +42,7 @@ def test_the_cost_is_the_papers_sum_over_the_drive(small):
     assert rehearse(small, ROUTE, **PAPERS).cost(GAINS) == pytest.approx(by_hand, rel=1e-9)
 
 
-def test_by_default_a_jerk_has_a_price_beside_the_papers_cost(small):
+def test_the_default_cost_adds_jerk_to_the_cost_of_the_paper(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent is not None
@@ -61,7 +61,7 @@ def test_the_gradient_through_the_closed_loop_is_exact(small):
         np.testing.assert_allclose(slope, numeric, rtol=2e-3, atol=1e-6)
 
 
-def test_a_search_without_gradients_finds_nothing_better(small, tuning):
+def test_a_search_without_gradients_gives_no_lower_cost(small, tuning):
     from scipy.optimize import differential_evolution
 
     drive = rehearse(small, ROUTE, **PAPERS)
@@ -72,14 +72,14 @@ def test_a_search_without_gradients_finds_nothing_better(small, tuning):
     assert tuning.cost <= evolved.fun * (1 + 1e-4)
 
 
-def test_tuned_gains_drive_better_than_those_of_the_file(tuning):
+def test_tuned_gains_have_a_lower_cost_than_the_gains_of_the_file(tuning):
     assert tuning.cost <= tuning.cost_before
     assert tuning.cost < tuning.cost_standing
     assert tuning.drive.distance_rms_m < 0.1
     assert tuning.verdict in (Verdict.USABLE, Verdict.WARN)
 
 
-def test_the_result_has_a_row_per_gain_and_the_history_of_the_search(tuning):
+def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
     rows = tuning.rows()
     assert [row["name"] for row in rows] == ["alpha", "beta", "gamma"]
     assert all(row["low"] <= row["value"] <= row["high"] for row in rows)
@@ -97,13 +97,13 @@ def test_the_result_has_a_row_per_gain_and_the_history_of_the_search(tuning):
     assert tuning.table().endswith(verdict_line(tuning.verdict, tuning.reasons))
 
 
-def test_a_price_on_the_command_gives_a_calmer_drive(small, tuning):
+def test_a_weight_on_the_command_gives_a_smoother_drive(small, tuning):
     calm = tune(small, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
     assert calm.drive.saturated < tuning.drive.saturated
     assert calm.values["gamma"] < tuning.values["gamma"]
 
 
-def test_moving_and_turning_the_route_changes_no_cost(small):
+def test_the_cost_is_invariant_under_motions_of_the_route(small):
     moved_route = moved(ROUTE, np.array([3.0, -2.0, 3.0]))
     assert rehearse(small, moved_route).cost(GAINS) == pytest.approx(
         rehearse(small, ROUTE).cost(GAINS), rel=1e-6
@@ -117,13 +117,13 @@ def test_a_gain_at_its_limit_is_reported(small):
     assert (reason.subject, reason.figures) == ("alpha", {"limit": 4.0, "unit": "unit of u per m"})
 
 
-def test_some_gains_can_be_tuned_and_the_others_left(small):
+def test_a_subset_of_the_gains_can_be_tuned(small):
     tuning = tune(small, circle(0.4, 0.3), gains=["beta"], starts=1, duration_s=3.0)
     assert list(tuning.values) == ["beta"]
     assert tuning.applied().controller().alpha == small.controller().alpha
 
 
-def test_a_file_without_gains_gets_them(small):
+def test_a_file_without_gains_receives_the_tuned_gains(small):
     bare = with_papers_pd(gains="")
     tuning = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
     assert np.isnan(tuning.cost_before)
@@ -131,7 +131,7 @@ def test_a_file_without_gains_gets_them(small):
     assert tuning.applied().controller().alpha == pytest.approx(tuning.values["alpha"])
 
 
-def test_the_file_takes_the_gains_with_where_they_come_from(tuning, tmp_path):
+def test_the_file_receives_the_gains_with_their_provenance(tuning, tmp_path):
     path = tuning.save(tmp_path / "mine.toml")
     updated_file = load(path)
     assert updated_file.controller().beta == pytest.approx(tuning.values["beta"])
@@ -139,7 +139,7 @@ def test_the_file_takes_the_gains_with_where_they_come_from(tuning, tmp_path):
     assert "# the scale;" in path.read_text(encoding="utf-8")
 
 
-def test_the_estimator_can_stand_in_the_loop(small):
+def test_the_gradient_is_exact_with_the_estimator_in_the_loop(small):
     drive = rehearse(small, circle(0.4, 0.3), estimator=True, aside_m=0.0, duration_s=0.6, backend="python")
     cost, slope = drive.cost_and_gradient(GAINS)
     h = np.array([0.0, 3e-5, 0.0])
@@ -156,7 +156,7 @@ def identified_file(small):
     return small.with_values({"controller.alpha": 6.0}, parameter_cov=cov)
 
 
-def test_the_cost_can_be_nearly_that_of_the_worst_of_drawn_vehicles(small, identified_file):
+def test_the_cost_can_approximate_the_worst_of_drawn_vehicles(small, identified_file):
     route = circle(0.4, 0.3)
     drive = rehearse(identified_file, route, draws=5, duration_s=3.0)
     costs = []
@@ -170,14 +170,14 @@ def test_the_cost_can_be_nearly_that_of_the_worst_of_drawn_vehicles(small, ident
     assert np.mean(costs) < drive.cost(GAINS) < max(costs) * 1.05
 
 
-def test_a_delay_that_the_fit_does_not_know_is_drawn_within_ten_milliseconds(identified_file):
+def test_an_unfitted_delay_is_drawn_within_ten_milliseconds(identified_file):
     late = rehearse(identified_file, ROUTE, draws=50).vehicles[:, -1]
     assert late[0] == 0.01
     assert 0.0 <= late.min() < 0.002
     assert 0.018 < late.max() <= 0.02
 
 
-def test_the_slope_over_vehicles_is_exact_one_after_the_other_and_in_lanes(identified_file, monkeypatch):
+def test_the_gradient_over_vehicles_is_exact_sequentially_and_in_lanes(identified_file, monkeypatch):
     drive = rehearse(identified_file, circle(0.4, 0.3), draws=3, duration_s=1.0)
     cost, slope = drive.cost_and_gradient(GAINS)
     numeric = [(drive.cost(GAINS + h) - drive.cost(GAINS - h)) / (2 * h.sum()) for h in np.diag(1e-5 * GAINS)]
@@ -189,7 +189,7 @@ def test_the_slope_over_vehicles_is_exact_one_after_the_other_and_in_lanes(ident
     np.testing.assert_allclose(lanes, slope, rtol=1e-6)
 
 
-def test_the_worst_of_other_vehicles_is_never_worse_than_with_nominal_gains(identified_file):
+def test_robust_gains_are_not_worse_than_nominal_gains_for_other_vehicles(identified_file):
     tuning = tune(
         identified_file,
         circle(0.4, 0.3),
@@ -206,7 +206,7 @@ def test_the_worst_of_other_vehicles_is_never_worse_than_with_nominal_gains(iden
     assert tuning.rows()[0]["worst_cost"] == tuning.worst.cost
 
 
-def test_several_routes_count_alike(small):
+def test_several_routes_have_equal_weight(small):
     routes = [circle(0.4, 0.3), ROUTE]
     both, first, second = (rehearse(small, way, duration_s=2.0) for way in (routes, *routes))
     cost, slope = both.cost_and_gradient(GAINS)
@@ -215,7 +215,7 @@ def test_several_routes_count_alike(small):
     np.testing.assert_allclose(slope, np.mean(each, axis=0), rtol=1e-9)
 
 
-def test_several_seeds_count_alike_and_other_seeds_judge(small):
+def test_several_seeds_have_equal_weight_and_other_seeds_validate(small):
     options: dict = {"estimator": True, "duration_s": 0.4, "gains": ["beta"]}
     both, *each = (rehearse(small, ROUTE, seeds=n, seed=k, **options) for n, k in ((2, 7), (1, 7), (1, 8)))
     gains = np.array([3.0])
@@ -227,7 +227,7 @@ def test_several_seeds_count_alike_and_other_seeds_judge(small):
     assert "on 30 other seeds" in tuning.table()
 
 
-def test_effort_has_a_price_of_its_own(small):
+def test_effort_has_its_own_weight_in_the_cost(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent is not None
@@ -257,12 +257,12 @@ def test_a_route_faster_than_the_vehicle_is_refused(small):
         ({"seeds": 0}, ("tune.nothing-to-drive", {"routes": 1, "seeds": 0})),
     ],
 )
-def test_a_question_without_sense_is_answered_in_words(small, options, words):
+def test_an_invalid_tuning_request_is_refused_with_a_reason(small, options, words):
     with refused(words[0], UsageError, **words[1]):
         tune(small, ROUTE, **options)
 
 
-def test_a_start_beside_the_route_gives_the_feedback_of_a_right_model_something_to_do():
+def test_a_start_beside_the_route_makes_feedback_gains_identifiable():
     """On its route it needs none: the cost is flat in every gain."""
     feedforward = load("small")
     gains = tune(feedforward, ROUTE, starts=3, polish=False)

@@ -1,4 +1,4 @@
-"""Everything a hand can write wrong, and what is said to it: file, line, key, found, expected, remedy."""
+"""Every mistake in a hand-written file, and its message: file, line, key, value, expected value, remedy."""
 
 import numpy as np
 import pytest
@@ -130,7 +130,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_fi3_fi7_what_is_wrong_is_named_by_code_and_figures(case):
+def test_fi3_fi7_each_mistake_in_a_vehicle_file_has_its_code_and_figures(case):
     old, new, code, figures = CASES[case]
     cause = next(diagnostic for diagnostic in within(refused_as(old, new)) if diagnostic.code == code)
     figures_by_name = {
@@ -139,13 +139,13 @@ def test_fi3_fi7_what_is_wrong_is_named_by_code_and_figures(case):
     assert {name: figures_by_name[name] for name in figures} == figures
 
 
-def test_the_line_is_named():
+def test_an_error_in_a_vehicle_file_names_its_line():
     line = SMALL.splitlines().index(next(x for x in SMALL.splitlines() if x.startswith("mass_kg"))) + 1
     place = refused_as("mass_kg = 0.61", "mass_kg = -1").figures["place"]
     assert dict(place.figures) == {"file": "my.toml", "line": line, "key": "[model] mass_kg"}
 
 
-def test_all_that_is_wrong_is_reported_at_once():
+def test_all_mistakes_of_a_vehicle_file_are_reported_together():
     reason = refused_as("mass_kg = 0.61 ", "mass_kg = -1\nslope = 3 ")
     assert reason.figures["first"].code == "vehicle.out-of-range"
     assert reason.figures["rest"].code == "vehicle.key-unknown"
@@ -167,7 +167,7 @@ def test_inertia_of_a_point_is_refused():
     assert "vehicle.inertia-of-point" in {diagnostic.code for diagnostic in within(reason)}
 
 
-def test_inertia_without_a_radius_asks_for_one():
+def test_a_missing_inertia_and_radius_are_reported():
     assert refused_as("radius_m = 0.07\n", "").code == "vehicle.model-lacks-inertia"
 
 
@@ -176,7 +176,7 @@ def test_a_plate_has_the_inertia_of_a_plate():
     assert parse(text, "x").vehicle.inertia_kg_m2 == pytest.approx(0.61 * (0.2**2 + 0.14**2) / 12)
 
 
-def test_a_speed_that_no_such_vehicle_has_is_a_notice():
+def test_an_implausible_speed_gives_a_notice():
     (notice,) = parse(SMALL.replace("[3.38, 0.0", "[3380.0, 0.0"), "x").notices
     assert notice.code == "vehicle.too-fast"
 
@@ -188,7 +188,7 @@ def test_a_speed_that_no_such_vehicle_has_is_a_notice():
         ("process_noise_cov", PAPER_R, ["not symmetric: [0][5] = -0.05 but [5][0] = -0.058"]),
     ],
 )
-def test_es1_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matrix, parts):
+def test_es1_the_printed_matrices_of_the_paper_are_refused_and_corrected(name, matrix, parts):
     table = "sensors.imu" if name == "measurement_noise_cov" else "estimator"
     text = SMALL[: SMALL.index("[estimator]")] if table == "estimator" else SMALL
     old = "[sensors.imu]\n" if table == "sensors.imu" else text
@@ -212,14 +212,14 @@ def test_es1_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matr
         assert np.max(np.abs(proposed_matrix - np.array(matrix))) < 1e-3
 
 
-def test_what_a_block_lacks_is_reported_when_it_is_asked_for():
+def test_a_missing_block_parameter_is_reported_at_construction():
     file = with_papers_pd(gains="beta = 2.0\ngamma = 0.3")
     with refused("vehicle.lacks-found-by", FileError, file="small.toml", room="controller", keys="alpha"):
         file.controller()
     assert file.controller(alpha=2.0).alpha == 2.0
 
 
-def test_a_guide_without_its_route_says_so():
+def test_a_guide_without_its_route_is_refused():
     from baqueano.errors import UsageError
 
     with refused("vehicle.no-route", UsageError, guide="Repeat"):

@@ -1,4 +1,5 @@
-"""The ready vehicles: they load, they are what they say, and the small one drives like small motors do."""
+"""The vehicles of the garage: they load, have the documented properties, and the small vehicle drives like small
+motors."""
 
 import numpy as np
 import pytest
@@ -21,12 +22,12 @@ def drive_vehicle(u, duration_s=2.0, vehicle=None):
     return np.array(nu)
 
 
-def test_the_garage_holds_three_vehicles():
+def test_the_garage_contains_three_vehicles():
     assert garage_names() == ("car", "case-study-1", "small")
 
 
 @pytest.mark.parametrize("name", garage_names())
-def test_every_block_of_every_vehicle_keeps_its_promises(name):
+def test_every_block_of_every_garage_vehicle_passes_the_check(name):
     file = load(name)
     n = file.vehicle.commands
     assert file.name == name
@@ -50,7 +51,7 @@ def test_case_study_1_has_the_numbers_of_the_paper():
     assert np.sqrt(np.diag(file.sensors.imu.cov)) == pytest.approx([0.05, 0.05, 0.005])
 
 
-def test_the_implausible_inertia_of_the_paper_is_a_notice_where_no_radius_is_given():
+def test_the_implausible_inertia_of_the_paper_gives_a_notice():
     (notice,) = load("case-study-1").notices
     assert (notice.code, notice.figures["found"]) == ("vehicle.inertia-unchecked", 810.44)
     assert notice.figures["gyration_m"] == pytest.approx(23.5, abs=0.05)
@@ -61,20 +62,20 @@ def test_the_small_vehicle_has_the_inertia_of_a_disc():
     assert load("small").vehicle.inertia_kg_m2 == pytest.approx(0.5 * 0.61 * 0.07**2, rel=1e-12)
 
 
-def test_the_small_vehicle_runs_between_0_45_and_0_68_m_s_at_full_command():
+def test_the_small_vehicle_has_a_realistic_top_speed():
     assert 0.45 < drive_vehicle([1.0, 0.0, 0.0])[-1, 0] < 0.68
 
 
-def test_the_small_vehicle_turns_at_8_to_11_5_rad_s_at_full_command():
+def test_the_small_vehicle_has_a_realistic_full_yaw_rate():
     assert 8.0 < drive_vehicle([0.0, 0.0, 1.0])[-1, 2] < 11.5
 
 
-def test_the_small_vehicle_does_not_start_below_30_percent_and_has_started_at_45():
+def test_the_small_vehicle_starts_between_30_and_45_percent_command():
     assert np.hypot(*drive_vehicle([0.29, 0.0, 0.0])[-1, :2]) < 0.02
     assert drive_vehicle([0.45, 0.0, 0.0])[-1, 0] > 0.05
 
 
-def test_the_small_vehicle_answers_within_50_to_300_ms():
+def test_the_small_vehicle_responds_within_50_to_300_ms():
     nu = drive_vehicle([0.8, 0.0, 0.0])[:, 0]
     rise_s = DT_S * np.argmax(nu > 0.63 * nu[-1])
     assert 0.05 < rise_s < 0.30
@@ -90,24 +91,24 @@ def test_the_car_reaches_a_speed_and_turns_left_with_a_positive_servo():
     assert nu[-1, 2] > 0.5
 
 
-def test_a_vehicle_that_is_not_there_names_those_that_are():
+def test_an_unknown_vehicle_is_refused_with_the_garage_names():
     with refused("vehicle.unknown", FileError, found="smal", missing="smal"):
         load("smal")
 
 
-def test_a_missing_file_names_what_lies_beside_it(tmp_path):
+def test_a_missing_file_is_reported_with_a_similar_name(tmp_path):
     (tmp_path / "grotz.toml").write_text(load("small").text, encoding="utf-8")
     with refused("vehicle.absent", FileError):
         load(tmp_path / "grots.toml")
 
 
-def test_a_folder_with_the_name_of_a_vehicle_does_not_hide_it(tmp_path, monkeypatch):
+def test_a_folder_does_not_hide_a_vehicle_of_the_same_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small").mkdir()
     assert load("small").layers == ("garage: small",)
 
 
-def test_a_folder_is_not_a_file(tmp_path):
+def test_a_folder_is_refused_as_a_vehicle_file(tmp_path):
     with refused("vehicle.folder", FileError):
         load(tmp_path)
 

@@ -12,14 +12,14 @@ SETTING, KEY = "robot.imu_filter", "sensors.imu.low_pass_hz"
 
 
 @pytest.mark.parametrize("setting", range(1, 7))
-def test_the_low_pass_of_h_is_as_late_as_the_chip(setting):
+def test_the_modelled_low_pass_has_the_delay_of_the_chip(setting):
     imu = load("small").with_values({SETTING: setting}).sensors.imu
     assert imu.low_pass_hz == low_pass_hz(setting)
     tau_s = CHIPS[0x68].bands[setting].gyro_delay_s
     assert 0.5 / (np.pi * imu.low_pass_hz) == pytest.approx(tau_s)
 
 
-def test_without_the_key_there_is_no_filter_and_a_low_pass_that_is_written_wins():
+def test_an_explicit_low_pass_has_priority_over_the_chip_setting():
     small = load("small")
     assert not small.sensors.imu.has_low_pass
     assert not parse(f"{small.text}\n[robot]\nimu_bus = 1\n", "wired").sensors.imu.has_low_pass
@@ -29,7 +29,7 @@ def test_without_the_key_there_is_no_filter_and_a_low_pass_that_is_written_wins(
 
 
 @pytest.mark.parametrize("truth_name", ["garage", "beside"])
-def test_a_simulation_filters_as_the_file_says(truth_name, tmp_path):
+def test_a_simulation_applies_the_imu_filter_of_the_file(truth_name, tmp_path):
     truth = "small" if truth_name == "garage" else "body.toml"
     if truth_name == "beside":
         load("small").save(tmp_path / truth)

@@ -1,4 +1,4 @@
-"""The command line over the file, and a block of one's own in it."""
+"""The command line over the file, and a user block in the file."""
 
 import sys
 import tomllib
@@ -50,7 +50,7 @@ def workshop(tmp_path):
 
 
 @pytest.mark.parametrize("with_tomlkit", [True, False])
-def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
+def test_the_command_line_has_priority_over_the_file(with_tomlkit, monkeypatch):
     if not with_tomlkit:
         monkeypatch.setitem(sys.modules, "tomlkit", None)
     small = load("small")
@@ -84,20 +84,20 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
         ("controller.kind=nothing", 'controller "nothing" does not exist'),
     ],
 )
-def test_what_makes_no_sense_on_the_command_line_is_a_matter_of_usage(setting, part):
+def test_an_invalid_setting_on_the_command_line_is_a_usage_error(setting, part):
     with pytest.raises(UsageError) as error_info:
         override(load("small"), [setting])
     assert part in str(error_info.value)
     assert error_info.value.exit_code == 2
 
 
-def test_a_block_of_ones_own_is_found_beside_the_vehicle_file(workshop):
+def test_a_user_block_is_loaded_from_beside_the_vehicle_file(workshop):
     file = load(workshop / "my.toml")
     controller = file.controller()
     assert (type(controller).__name__, controller.k_x, controller.vehicle) == ("Mine", 2.0, file.vehicle)
 
 
-def test_its_fields_are_the_keys_of_its_table(workshop):
+def test_fields_of_a_user_block_are_keys_of_its_table(workshop):
     file = load(workshop / "my.toml")
     text = file.text.replace(
         'kind = "mine.py:Mine"',
@@ -119,7 +119,7 @@ def test_its_fields_are_the_keys_of_its_table(workshop):
         ("word = 1", "word = 1: expected text in quotes"),
     ],
 )
-def test_its_table_is_checked_like_ours(workshop, line, part):
+def test_the_table_of_a_user_block_is_checked(workshop, line, part):
     file = load(workshop / "my.toml")
     text = file.text.replace('kind = "mine.py:Mine"', f'kind = "mine.py:Mine"\n{line}')
     (workshop / "my.toml").write_text(text, encoding="utf-8")
@@ -128,7 +128,7 @@ def test_its_table_is_checked_like_ours(workshop, line, part):
     assert part in str(error_info.value)
 
 
-def test_another_block_than_the_file_names_takes_the_keys_it_knows(workshop):
+def test_a_replacement_block_accepts_its_own_keys_and_defaults(workshop):
     small = load("small")
     controller = small.controller(kind=f"{workshop / 'mine.py'}:Mine", k_x=7.0)
     assert (controller.k_x, controller.steps) == (7.0, 3)
@@ -166,19 +166,19 @@ def test_another_block_than_the_file_names_takes_the_keys_it_knows(workshop):
         ),
     ],
 )
-def test_what_is_wrong_with_a_users_file_names_the_file_and_the_line(workshop, content, code, figures):
+def test_an_error_in_a_user_file_names_file_and_line(workshop, content, code, figures):
     (workshop / "mine.py").write_text(content, encoding="utf-8")
     with refused(code, FileError, **figures):
         load(workshop / "my.toml")
 
 
-def test_a_users_file_that_is_not_there_is_named_with_what_is(workshop):
+def test_a_missing_user_file_is_reported(workshop):
     (workshop / "mine.py").rename(workshop / "mien.py")
     with refused("block.file-absent", FileError):
         load(workshop / "my.toml")
 
 
-def test_a_vehicle_out_of_a_run_loads_without_the_users_file(workshop):
+def test_a_vehicle_from_a_run_loads_without_the_user_file(workshop):
     text = load(workshop / "my.toml").text
     (workshop / "mine.py").unlink()
     file = parse(text, "the vehicle file of runs/0001")
@@ -187,20 +187,20 @@ def test_a_vehicle_out_of_a_run_loads_without_the_users_file(workshop):
         file.controller()
 
 
-def test_a_changed_file_of_the_user_is_read_again(workshop):
+def test_a_changed_user_file_is_read_again(workshop):
     assert load(workshop / "my.toml").controller().k_x == 2.0
     (workshop / "mine.py").write_text(MINE.replace("= 2.0", "= 9.0"), encoding="utf-8")
     assert load(workshop / "my.toml").controller().k_x == 9.0
 
 
-def test_the_filter_gets_the_rate_of_the_file_and_the_delay_its_slots():
+def test_blocks_receive_rate_delay_and_limits_from_the_file():
     car = load("car")
     assert car.estimator().rate_hz == 50.0
     assert car.vehicle.drivetrain.delay_slots == 4  # 80 ms at 50 Hz
     assert car.controller().limit.tolist() == [1.0, 1.0]
 
 
-def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
+def test_the_documentation_lists_every_key_with_its_meaning():
     key_rows = rows()
     assert [row for row in key_rows if not row["meaning"]] == []
     keys = {(row["table"], row["key"]) for row in key_rows}
@@ -219,14 +219,14 @@ def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
     )
 
 
-def test_the_documentation_is_a_page_of_tables():
+def test_the_key_documentation_is_a_page_of_tables():
     page = reference_table()
     assert '## `[model] kind = "planar"`\n' in page
     assert "| `mass_kg` | mass m | kg |  | 0.001 to 100000 | required |" in page
     assert page.count("## `[model.drivetrain]`\n") == 1
 
 
-def test_a_default_of_the_documentation_is_toml():
+def test_documented_defaults_are_written_in_toml():
     defaults = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
     assert defaults["sensors.NAME", "tags", "sees_offset"] == "`true`"
     assert defaults["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
@@ -236,7 +236,7 @@ def test_a_default_of_the_documentation_is_toml():
     assert len(defaults_text) > 100
 
 
-def test_the_documentation_in_spanish_has_the_same_keys_defaults_and_no_english_words():
+def test_the_spanish_documentation_has_the_same_keys_and_no_english():
     english = rows()
     with within("es"):
         spanish, page = rows(), reference_table()

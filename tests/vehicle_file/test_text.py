@@ -26,7 +26,7 @@ def said_to(tmp_path, content):
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
-def test_any_editor_may_write_it(tmp_path, mark, newline):
+def test_byte_order_marks_and_all_line_ends_are_accepted(tmp_path, mark, newline):
     path = tmp_path / "my.toml"
     path.write_bytes(mark + SMALL.replace("\n", newline).encode())
     assert load(path).vehicle.mass_kg == 0.61
@@ -41,25 +41,25 @@ def test_utf_16_is_refused_with_the_remedy(tmp_path, encoding):
     assert "UTF-16: expected UTF-8" in message or "zero bytes" in message
 
 
-def test_an_accent_of_an_old_editor_is_named_with_its_line(tmp_path):
+def test_a_non_utf_8_accent_is_reported_with_its_line(tmp_path):
     message = said_to(tmp_path, b'format = 1\nname = "Jos\xe9"\n')
     assert "my.toml line 2 holds the byte 0xe9, which is not UTF-8" in message
 
 
-def test_zero_bytes_are_a_cut(tmp_path):
+def test_zero_bytes_in_a_file_are_reported(tmp_path):
     assert "contains zero bytes" in said_to(tmp_path, b"format = 1\n\0\0\0\0")
 
 
 @pytest.mark.parametrize("content", [b"", b"  \n\n", b"\xef\xbb\xbf"])
-def test_an_empty_file_was_cut(tmp_path, content):
+def test_an_empty_file_is_reported_as_truncated(tmp_path, content):
     assert "my.toml is empty: was it cut by a loss of power?" in said_to(tmp_path, content)
 
 
-def test_fi4_a_large_file_is_another_file(tmp_path):
+def test_fi4_a_too_large_file_is_refused(tmp_path):
     assert "65,601 bytes: a vehicle file has at most 65,536" in said_to(tmp_path, "#" * 65600 + "\n")
 
 
-def test_a_file_that_cannot_be_read_says_why(tmp_path, monkeypatch):
+def test_an_unreadable_file_is_reported_with_its_reason(tmp_path, monkeypatch):
     from pathlib import Path
 
     path = tmp_path / "my.toml"
@@ -107,14 +107,14 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
         ("mass_kg 0.61", "is not TOML: "),
     ],
 )
-def test_fi1_what_is_not_toml_is_reported_with_its_line(text, part):
+def test_fi1_invalid_toml_is_reported_with_its_line(text, part):
     with pytest.raises(FileError) as error_info:
         tables(text, "my.toml")
     assert str(error_info.value).startswith("my.toml line ")
     assert part in str(error_info.value)
 
 
-def test_every_key_is_found_on_its_line():
+def test_the_line_of_every_key_is_located():
     lines = SMALL.splitlines()
     for path in [
         ("name",),
@@ -127,7 +127,7 @@ def test_every_key_is_found_on_its_line():
     assert line_of('[provenance."a.b"]\nrun = ""', ("provenance", "a.b")) == 1
 
 
-def test_a_dump_reads_back_the_same():
+def test_a_dump_is_read_back_unchanged():
     data = tables(SMALL, "x") | {
         "text": 'quotes " and \\ and ñ',
         "odd": {"a key": [[1.0], [2.0, 3.0]], "n": float("nan")},
@@ -136,7 +136,7 @@ def test_a_dump_reads_back_the_same():
     assert json.dumps(data_again, sort_keys=True) == json.dumps(data, sort_keys=True)
 
 
-def test_fi2_typing_errors_are_found_and_the_right_key_is_named():
+def test_fi2_typing_errors_are_detected_and_the_correct_key_is_proposed():
     """One letter of one key changed, left out, doubled or swapped, 200 times: all found, 95 % are named."""
     rng = random.Random(7)
     keys = [line.split(" =")[0] for line in SMALL.splitlines() if " = " in line and line[:1].isalpha()]

@@ -1,4 +1,4 @@
-"""Values go back into the file: comments stay, only what changed changes, whole or not at all."""
+"""Values are written back: comments are preserved, only changed values change, completely or not at all."""
 
 import difflib
 import os
@@ -23,7 +23,7 @@ def difference(before, after):
     return [line for line in lines if line[:1] in "+-" and line[:3] not in ("+++", "---")]
 
 
-def test_only_the_changed_lines_change_and_their_comments_stay():
+def test_only_lines_of_changed_values_change_and_comments_are_preserved():
     small = load("small")
     changed_file = small.with_values({"model.mass_kg": 0.62, "sensors.imu.gyro_bias": 0.01})
     assert difference(small, changed_file) == [
@@ -36,7 +36,7 @@ def test_only_the_changed_lines_change_and_their_comments_stay():
     assert small.vehicle.mass_kg == 0.61
 
 
-def test_comments_within_a_matrix_stay():
+def test_comments_within_a_matrix_are_preserved():
     changed_file = load("small").with_values(
         {"model.actuator_matrix[0,0]": 3.5, "model.actuator_matrix[2][2]": 0.2}
     )
@@ -44,7 +44,7 @@ def test_comments_within_a_matrix_stay():
     assert np.diag(changed_file.vehicle.actuator_matrix).tolist() == [3.5, 0.0, 0.2]
 
 
-def test_the_same_values_give_the_same_text():
+def test_writing_the_same_values_does_not_change_the_text():
     small = load("small")
     keys = [
         "model.friction.linear",
@@ -55,20 +55,20 @@ def test_the_same_values_give_the_same_text():
     assert small.with_values({key: small.value(key) for key in keys}).text == small.text
 
 
-def test_a_key_that_the_file_leaves_out_is_added_to_its_table():
+def test_a_missing_key_is_added_to_its_table():
     changed_file = load("small").with_values({"model.friction.cornering": 0.2, "model.drivetrain.sag": 0.1})
     assert changed_file.vehicle.friction.cornering == 0.2
     assert difference(load("small"), changed_file) == ["+cornering = 0.2", "+sag = 0.1"]
 
 
-def test_a_table_that_the_file_leaves_out_is_made():
+def test_a_missing_table_is_added():
     text = load("small").text
     text = text[: text.index("[controller]")]
     changed_file = parse(text, "x.toml").with_values({"controller.k_x": 1.5, "controller.k_chi": 2.5})
     assert (changed_file.controller().k_x, changed_file.controller().k_chi) == (1.5, 2.5)
 
 
-def test_a_model_is_a_guess_until_a_fit_that_was_not_refused_has_written_a_value_of_it():
+def test_a_model_is_a_guess_until_an_accepted_fit_writes_a_value():
     small, key = load("small"), "model.friction.linear"
     assert small.guessed
     assert not small.with_values({}, {key: FITTED}).guessed
@@ -76,7 +76,7 @@ def test_a_model_is_a_guess_until_a_fit_that_was_not_refused_has_written_a_value
     assert small.with_values({}, {"sensors.imu.gyro_bias": FITTED, "controller.k_x": FITTED}).guessed
 
 
-def test_a_whole_table_may_be_said_to_be_a_guess_and_a_fit_leaves_that_for_the_rest():
+def test_a_table_marked_as_a_guess_stays_marked_after_a_partial_fit():
     text = load("small").text + '\n[provenance.model]\nrun = "the data sheet of another"\nverdict = "GUESS"\n'
     guess = parse(text + '[provenance."model.friction"]\nrun = "a friend"\nverdict = "GUESS"\n', "mine.toml")
     assert guess.guessed
@@ -112,7 +112,7 @@ def test_without_a_standard_deviation_a_value_is_written_exactly():
     assert load("small").with_values({"controller.k_x": value}).controller().k_x == value
 
 
-def test_what_was_known_of_a_value_is_forgotten_with_it():
+def test_a_changed_value_loses_its_provenance():
     fitted = load("small").with_values(
         {"model.friction.linear": LINEAR}, provenance={"model.friction.linear": FITTED}
     )
@@ -120,7 +120,7 @@ def test_what_was_known_of_a_value_is_forgotten_with_it():
     assert list(fitted.with_values({"model.mass_kg": 0.6}).provenance) == ["model.friction.linear"]
 
 
-def test_the_covariance_of_the_last_fit_survives_the_file():
+def test_the_covariance_of_the_last_fit_is_stored_in_the_file():
     rng = np.random.default_rng(3)
     A = rng.standard_normal((3, 3)) * [1e-2, 1.0, 1e-4]
     cov = A.T @ A
@@ -140,7 +140,7 @@ def test_the_covariance_of_the_last_fit_survives_the_file():
     assert refitted_file.text.count("[parameter_cov]") == 1
 
 
-def test_the_difference_of_two_files_is_the_history_of_wear():
+def test_the_difference_of_two_files_lists_changed_values_and_significance():
     key = "model.friction.linear"
     first = load("small").with_values({key: LINEAR}, provenance={key: FITTED})
     later = first.with_values(
@@ -155,7 +155,7 @@ def test_the_difference_of_two_files_is_the_history_of_wear():
     assert changes(first, first) == []
 
 
-def test_a_value_that_the_file_would_refuse_is_refused():
+def test_an_invalid_value_is_not_written():
     with refused("vehicle.out-of-range", FileError, found="-1"):
         load("small").with_values({"model.mass_kg": -1.0})
 
@@ -168,14 +168,14 @@ def test_a_value_that_the_file_would_refuse_is_refused():
         ("model.friction.linear[7]", "vehicle.no-entry", {"shape": "(3,)", "entry": "[7]"}),
     ],
 )
-def test_a_key_that_nobody_reads_is_refused(key, code, figures):
+def test_an_unknown_key_is_not_written(key, code, figures):
     with refused(code, UsageError, **figures):
         load("small").with_values({key: 1.0})
     with refused("vehicle.unknown-key", UsageError, found="nothing"):
         load("small").with_values({}, provenance={"nothing": FITTED})
 
 
-def test_the_value_in_force_is_the_default_where_the_file_is_silent():
+def test_a_value_absent_from_the_file_is_the_default():
     small = load("small")
     assert small.value("model.friction.cornering") == 0.0
     assert small.value("model.inertia_kg_m2") == pytest.approx(0.0014945)
@@ -194,7 +194,7 @@ def test_saving_and_loading_gives_the_same_vehicle(tmp_path):
     assert os.listdir(tmp_path) == ["José Núñez.toml"]
 
 
-def test_windows_line_ends_stay(tmp_path):
+def test_windows_line_ends_are_preserved(tmp_path):
     path = tmp_path / "my.toml"
     path.write_bytes(load("small").text.replace("\n", "\r\n").encode())
     load(path).with_values({"model.mass_kg": 0.7, "model.friction.linear": LINEAR}).save()
@@ -207,7 +207,7 @@ def test_a_vehicle_of_the_garage_is_not_overwritten():
         load("small").save()
 
 
-def test_a_file_that_somebody_else_changed_is_not_overwritten(tmp_path):
+def test_a_file_changed_by_another_program_is_not_overwritten(tmp_path):
     path = load("small").save(tmp_path / "my.toml")
     edited_file = load(path).with_values({"model.mass_kg": 0.7})
     path.write_text(path.read_text(encoding="utf-8") + "# from the editor\n", encoding="utf-8")
@@ -216,7 +216,7 @@ def test_a_file_that_somebody_else_changed_is_not_overwritten(tmp_path):
     assert "# from the editor" in path.read_text(encoding="utf-8")
 
 
-def test_saving_twice_is_allowed(tmp_path):
+def test_a_file_may_be_saved_twice(tmp_path):
     path = load("small").save(tmp_path / "my.toml")
     once = load(path).with_values({"model.mass_kg": 0.7})
     once.save()
@@ -224,7 +224,7 @@ def test_saving_twice_is_allowed(tmp_path):
     assert load(path).vehicle.mass_kg == 0.8
 
 
-def test_a_full_disk_leaves_the_old_file_whole(tmp_path, monkeypatch):
+def test_a_full_disk_leaves_the_old_file_intact(tmp_path, monkeypatch):
     path = load("small").save(tmp_path / "my.toml")
     before = path.read_bytes()
 
@@ -238,13 +238,13 @@ def test_a_full_disk_leaves_the_old_file_whole(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["my.toml"]
 
 
-def test_a_folder_that_is_not_there_is_reported(tmp_path):
+def test_a_missing_folder_is_reported(tmp_path):
     with refused("vehicle.not-written", FileError):
         load("small").save(tmp_path / "nowhere" / "my.toml")
 
 
 @pytest.mark.skipif(not hasattr(os, "symlink") or os.name == "nt", reason="no links")
-def test_lg11_a_link_stays_a_link(tmp_path):
+def test_lg11_a_symbolic_link_is_preserved(tmp_path):
     real = load("small").save(tmp_path / "real.toml")
     (tmp_path / "vehicle.toml").symlink_to(real)
     load("small").with_values({"model.mass_kg": 0.7}).save(tmp_path / "vehicle.toml")
@@ -252,7 +252,7 @@ def test_lg11_a_link_stays_a_link(tmp_path):
     assert load(real).vehicle.mass_kg == 0.7
 
 
-def test_lg10_a_cut_while_saving_leaves_a_whole_file(tmp_path):
+def test_lg10_an_interruption_while_saving_leaves_a_complete_file(tmp_path):
     """Processes are killed while they save without end; none leaves a file that is not whole."""
     path = load("small").save(tmp_path / "my.toml")
     code = (
@@ -276,7 +276,7 @@ def test_lg10_a_cut_while_saving_leaves_a_whole_file(tmp_path):
         assert path.read_bytes() == expected
 
 
-def test_without_tomlkit_writing_says_what_to_install(monkeypatch):
+def test_a_missing_tomlkit_is_reported_at_writing(monkeypatch):
     monkeypatch.setitem(sys.modules, "tomlkit", None)
     assert load("small").vehicle.mass_kg == 0.61
     with refused("vehicle.no-tomlkit", UsageError):
@@ -312,7 +312,7 @@ def history(extra):
         ),
     ],
 )
-def test_a_history_that_makes_no_sense_is_refused(extra, code, figures):
+def test_an_invalid_provenance_is_refused(extra, code, figures):
     with refused(code, FileError, **figures):
         parse(history(extra), "my.toml")
 

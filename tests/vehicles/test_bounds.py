@@ -1,4 +1,4 @@
-"""A parameter that cannot be is refused when the block is made: which, what was found, what fits."""
+"""An impossible parameter is refused at construction, with its name, its value and the valid range."""
 
 import numpy as np
 import pytest
@@ -66,13 +66,13 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, make):
+def test_impossible_parameters_are_refused(code, figures, make):
     with refused(code, ValueError, **figures):
         make()
 
 
 @pytest.mark.parametrize("block", [Planar, Kinematic, Car, Friction, Drivetrain])
-def test_every_parameter_says_its_unit_and_its_meaning(block):
+def test_every_parameter_has_a_unit_and_a_meaning(block):
     values = dict(parameters(block))
     assert values
     for name, p in values.items():
@@ -81,6 +81,6 @@ def test_every_parameter_says_its_unit_and_its_meaning(block):
         assert p.low < p.high, name
 
 
-def test_a_role_that_is_none_is_refused_where_the_class_is_written():
+def test_an_unknown_parameter_role_is_refused_at_class_definition():
     with refused("field.role", ValueError, found="'guessed'"):
         parameter("m", "a length", role="guessed")

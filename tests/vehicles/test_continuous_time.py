@@ -33,7 +33,7 @@ def accelerations(nu, wheels):
 
 
 def imu_reading(nu, nu_dot):
-    """What an IMU at LEVER says of it."""
+    """The reading of an IMU at LEVER."""
     lx, ly = LEVER
     return BIAS + np.array(
         [
@@ -45,7 +45,7 @@ def imu_reading(nu, nu_dot):
 
 
 def exact(changes, delay_s, lag_s, times):
-    """(η, ν, what the IMU says, and says behind its low-pass) at `times`: integrated from change to change."""
+    """(η, ν, the IMU reading, and the reading behind its low-pass) at `times`: integrated from change to change."""
     edges = sorted({0.0, DURATION_S, *times, *(t + delay_s for t, _ in changes if t + delay_s < DURATION_S)})
     x, out, tau_s = np.zeros(11), {}, 0.5 / np.pi / LOW_PASS_HZ
     x[8:] = BIAS
@@ -111,7 +111,7 @@ def errors(delay_s, lag_s, dt_s):
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.013])
-def test_with_a_lag_the_error_of_a_tick_falls_with_the_fourth_power_of_it(delay_s):
+def test_with_a_lag_the_integration_error_is_of_fourth_order(delay_s):
     """Pose, velocity and what an IMU shows, of commands that come in the middle of a tick."""
     ticks = np.array([0.01, 0.005, 0.0025])
     differences = np.array([errors(delay_s, LAG_S, dt_s) for dt_s in ticks])
@@ -123,22 +123,22 @@ def test_with_a_lag_the_error_of_a_tick_falls_with_the_fourth_power_of_it(delay_
     )  # behind the low-pass
 
 
-def test_without_a_lag_a_command_in_the_middle_of_a_tick_costs_more():
+def test_without_a_lag_a_command_within_a_tick_increases_the_error():
     whole, in_two_parts = errors(0.0, 0.0, 0.01), errors(0.013, 0.0, 0.01)
     assert np.all(whole[:9] < 1e-3)
     assert np.all(in_two_parts[:9] < 5e-3)
     assert in_two_parts[:9].sum() > whole[:9].sum()
 
 
-def test_an_accelerometer_shows_the_effort_of_its_instant_and_not_the_mean_of_the_tick():
-    """A command that is felt 3 ms after the tick began: the acceleration is all there at the end."""
+def test_an_accelerometer_measures_the_instantaneous_effort():
+    """A command acts 3 ms after the start of the tick: the full acceleration is present at the end."""
     vehicle = vehicle_with(0.003, 0.0, 1)
     _, motion = vehicle.step(vehicle.init(), np.array([0.8, 0.0, 0.0]), 0.01, np.zeros(3))
     expected = accelerations(motion.nu, channels(np.array([0.8, 0.0, 0.0])))
     assert motion.nu_dot == pytest.approx(expected, abs=1e-9)
 
 
-def test_ticks_of_any_length_feel_a_command_at_its_time():
+def test_a_command_acts_at_its_time_for_any_tick_length():
     """The same changes by uneven ticks, each with its own command."""
     rng = np.random.default_rng(2)
     steps_s = rng.uniform(0.006, 0.014, 50)
@@ -225,7 +225,7 @@ def fine(accelerate, changes, delay_s, times):
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.013])
 @pytest.mark.parametrize("kind", OTHERS)
-def test_the_error_of_every_vehicle_falls_with_the_fourth_power_of_the_tick(kind, delay_s):
+def test_the_integration_error_of_every_vehicle_is_of_fourth_order(kind, delay_s):
     make, accelerate, command = OTHERS[kind]
     changes, ticks = [(0.02 * k, command(k)) for k in range(30)], np.array([0.01, 0.005, 0.0025])
     moments = [float(t) for t in np.round(ticks[0] * np.arange(1, round(DURATION_S / ticks[0]) + 1), 12)]
@@ -242,7 +242,7 @@ def test_the_error_of_every_vehicle_falls_with_the_fourth_power_of_the_tick(kind
     assert np.all(worst[0, :6] < 1e-5)
 
 
-def test_an_eight_bit_timer_gives_a_duty_in_its_steps():
+def test_an_eight_bit_timer_quantises_the_duty():
     d = Drivetrain(commands=1, duty_step=1.0 / 255.0)
     for u in (0.1234, -0.1234, 0.0019, 1.0):
         _, effort = d.step(d.init(), np.array([u]), 0.01)

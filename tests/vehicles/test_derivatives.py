@@ -61,7 +61,7 @@ def advanced(vehicle, effort):
 @names
 @QUICK
 @given(nu=velocities, effort=efforts)
-def test_a_step_by_dual_numbers(name, nu, effort):
+def test_step_derivatives_by_dual_numbers_match_differences(name, nu, effort):
     vehicle = VEHICLES[name]
     f = advanced(vehicle, effort_of(vehicle, effort))
     x = np.concatenate([[0.3, -0.2, 0.9], nu])
@@ -70,7 +70,7 @@ def test_a_step_by_dual_numbers(name, nu, effort):
 
 @names
 @pytest.mark.parametrize("backend", ["python", "c"])
-def test_a_step_compiled(name, backend):
+def test_compiled_step_derivatives_equal_dual_numbers(name, backend):
     vehicle, rng = VEHICLES[name], np.random.default_rng(7)
     effort = effort_of(vehicle, np.array([0.5, -0.4]))
     f = advanced(vehicle, effort)
@@ -115,7 +115,7 @@ PARAMETERS = {
 
 
 @names
-def test_every_parameter_of_a_vehicle_can_be_derived(name):
+def test_every_parameter_of_a_vehicle_has_a_derivative(name):
     vehicle, paths = VEHICLES[name], PARAMETERS[name]
     effort = effort_of(vehicle, np.array([0.7, -0.6]))
     x = np.array([0.3, -0.2, 0.9, 0.8, -0.3, 1.1])
@@ -128,7 +128,7 @@ def test_every_parameter_of_a_vehicle_can_be_derived(name):
 
     slope = jacobian(f)(np.zeros(len(paths)))
     assert slope == pytest.approx(differences(f, np.zeros(len(paths))), abs=1e-6, rel=1e-6)
-    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each parameter has an effect"
 
 
 def value(vehicle, path):
@@ -140,7 +140,7 @@ def value(vehicle, path):
 START = {name: [value(VEHICLES[name], path) for path in paths] for name, paths in PARAMETERS.items()}
 
 
-def test_every_parameter_of_a_drivetrain_can_be_derived():
+def test_every_parameter_of_a_drivetrain_has_a_derivative():
     """Two ticks at full tilt, each effect in force, off the kinks."""
     d = Drivetrain(
         mixing="two_wheels",
@@ -171,4 +171,4 @@ def test_every_parameter_of_a_drivetrain_can_be_derived():
     zero = np.zeros(len(paths))
     slope = jacobian(f)(zero)
     assert slope == pytest.approx(differences(f, zero, h=1e-6), abs=1e-6, rel=1e-6)
-    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each is felt"
+    assert np.all(np.abs(slope).max(axis=0) > 0.0), "each parameter has an effect"

@@ -1,4 +1,4 @@
-"""From the sent command to the felt one: each effect alone, against its definition."""
+"""From the sent command to the effort: each effect alone, against its definition."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_without_effects_the_effort_is_the_command(u):
 
 @QUICK
 @given(commands)
-def test_unmixing_the_mixed_command_gives_it_back_without_u_y(u):
+def test_unmixing_returns_the_mixed_command_without_u_y(u):
     assert unmix("two_wheels", mix("two_wheels", u)) == pytest.approx([u[0], 0.0, u[2]])
     assert unmix("none", mix("none", u)) is u
     d = Drivetrain(mixing="two_wheels")
@@ -40,23 +40,23 @@ def test_unmixing_the_mixed_command_gives_it_back_without_u_y(u):
 
 @QUICK
 @given(arrays(float, 2, elements=st.floats(-1.0, 1.0)))
-def test_mixing_the_unmixed_wheels_gives_them_back(w):
+def test_mixing_the_unmixed_wheels_returns_the_same_wheels(w):
     assert mix("two_wheels", unmix("two_wheels", w)) == pytest.approx(w)
 
 
-def test_a_turn_to_the_left_takes_the_right_wheel_forward():
+def test_a_left_turn_drives_the_right_wheel_forward():
     left, right = mix("two_wheels", np.array([0.0, 0.0, 0.3]))
     assert (left, right) == (-0.3, 0.3)
 
 
-def test_a_wheel_that_would_need_more_than_the_limit_takes_the_limit_and_bends_the_turn():
+def test_a_saturated_wheel_changes_the_turn():
     d = Drivetrain(mixing="two_wheels", limit=np.array([1.0, 1.0]))
     assert efforts(d, [np.array([0.8, 0.0, 0.6])])[0] == pytest.approx(
         [0.6, 0.0, 0.4]
     )  # wheels 0.2 and 1, not 1.4
 
 
-def test_a_dead_zone_is_taken_off_each_way():
+def test_a_dead_zone_is_subtracted_in_each_direction():
     d = Drivetrain(
         commands=2, dead_zone_forward=np.array([0.1, 0.2]), dead_zone_backward=np.array([0.3, 0.4])
     )
@@ -74,12 +74,12 @@ def test_more_command_is_never_less_effort(a, b):
     assert low <= high
 
 
-def test_unequal_motors_turn_a_straight_command():
+def test_unequal_motors_turn_the_vehicle_under_a_straight_command():
     d = Drivetrain(mixing="two_wheels", gain=np.array([0.9, 1.1]))
     assert efforts(d, [np.array([0.5, 0.0, 0.0])])[0] == pytest.approx([0.5, 0.0, 0.05])
 
 
-def test_an_empty_battery_scales_the_effort_and_sags_under_load():
+def test_a_low_battery_scales_the_effort_and_sags_under_load():
     half = Drivetrain(battery_v=3.0, battery_nominal_v=6.0)
     assert efforts(half, [np.array([0.6, 0.0, -0.6])])[0] == pytest.approx([0.3, 0.0, -0.3])
     sagging = Drivetrain(mixing="two_wheels", sag=0.2)
@@ -87,7 +87,7 @@ def test_an_empty_battery_scales_the_effort_and_sags_under_load():
     assert efforts(sagging, [np.array([0.5, 0.0, 0.0])])[0] == pytest.approx([0.45, 0.0, 0.0])
 
 
-def test_behind_a_regulator_the_battery_has_no_effect_and_half_behind_one_half_of_it():
+def test_the_battery_effect_scales_the_influence_of_the_voltage():
     for effect, effort in ((0.0, 0.6), (0.5, 0.45), (1.0, 0.3)):
         half = Drivetrain(battery_v=3.0, battery_nominal_v=6.0, battery_effect=effect)
         assert efforts(half, [np.array([0.6, 0.0, 0.0])])[0] == pytest.approx([effort, 0.0, 0.0])
@@ -101,7 +101,7 @@ def test_a_delay_of_whole_ticks_shifts_the_command(ticks):
     assert effort_means[:ticks] == pytest.approx(np.zeros((ticks, 3)))
 
 
-def test_a_delay_between_ticks_is_the_mean_of_the_held_command_over_the_tick():
+def test_a_fractional_delay_averages_the_command_over_the_tick():
     """13 ms late with ticks of 10 ms: 3 ms of the tick before the last, 7 ms of the last."""
     effort_means = efforts(
         Drivetrain(delay_s=0.013, delay_slots=2), np.array([[1.0, 0, 0], [2.0, 0, 0], [5.0, 0, 0]])
@@ -109,13 +109,13 @@ def test_a_delay_between_ticks_is_the_mean_of_the_held_command_over_the_tick():
     assert effort_means[:, 0] == pytest.approx([0.0, 0.7, 0.3 * 1.0 + 0.7 * 2.0])
 
 
-def test_a_delay_loses_no_impulse():
+def test_a_delay_preserves_the_total_impulse():
     u = np.vstack([np.random.default_rng(2).normal(size=(20, 3)), np.zeros((4, 3))])
     for delay_s in (0.004, 0.01, 0.0277):
         assert efforts(Drivetrain(delay_s=delay_s, delay_slots=3), u).sum(0) == pytest.approx(u.sum(0))
 
 
-def test_a_delay_longer_than_the_line_is_read_at_its_end():
+def test_a_delay_is_limited_by_the_number_of_slots():
     u = np.random.default_rng(3).normal(size=(9, 3))
     assert efforts(Drivetrain(delay_s=0.5, delay_slots=2), u)[2:] == pytest.approx(u[:-2])
 
@@ -147,7 +147,7 @@ def test_the_mean_over_a_tick_is_the_integral_of_the_lag():
     assert effort.mean[0] == pytest.approx(np.mean(1.0 - np.exp(-t / lag_s)), rel=1e-6)
 
 
-def test_a_tick_without_duration_changes_nothing_that_lags_and_gives_no_nan():
+def test_a_tick_of_zero_duration_does_not_change_the_lag():
     d = Drivetrain(mixing="two_wheels", lag_s=0.05, delay_s=0.01, delay_slots=1)
     state, _ = d.step(d.init(), np.array([1.0, 0.0, 0.0]), 0.01)
     after, effort = d.step(state, np.array([1.0, 0.0, 0.0]), 0.0)
@@ -208,12 +208,12 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("code", "figures", "make"), ERRORS)
-def test_what_cannot_be_is_refused(code, figures, make):
+def test_impossible_drivetrain_parameters_are_refused(code, figures, make):
     with refused(code, ValueError, **figures):
         make()
 
 
-def test_a_lag_switches_itself_on():
+def test_a_positive_lag_enables_the_lag():
     assert Drivetrain(lag_s=0.05).has_lag
     assert not Drivetrain().has_lag
 
@@ -242,20 +242,20 @@ def test_the_inverse_gives_the_command_of_an_effort(size, sign, coast, sag, batt
     np.testing.assert_allclose(drivetrain.unmix(command), effort, atol=1e-9)
 
 
-def test_the_inverse_of_nothing_is_nothing_and_does_not_jump_there():
+def test_the_inverse_is_continuous_at_zero():
     drivetrain = Drivetrain(commands=1, dead_zone_forward=np.array([0.3]), dead_zone_backward=np.array([0.3]))
     commands = [drivetrain.inverse(np.array([e]))[0] for e in (-1e-6, 0.0, 1e-6)]
     np.testing.assert_allclose(commands, [-1.6e-5, 0.0, 1.6e-5], atol=1e-7)
 
 
-def test_the_voltage_drives_motors_and_no_servo():
+def test_the_battery_voltage_affects_motors_and_no_servo():
     car = Car(0.2, 5.0, 0.4, drivetrain=Drivetrain(commands=2, battery_v=5.0, battery_nominal_v=10.0))
     assert car.drivetrain.servos == 1
     np.testing.assert_allclose(car.drivetrain.static(np.array([0.4, 0.4])), [0.2, 0.4])
     np.testing.assert_allclose(car.drivetrain.inverse(np.array([0.2, 0.4])), [0.4, 0.4])
 
 
-def test_a_time_constant_beyond_the_floating_point_numbers_is_refused():
+def test_a_time_constant_beyond_floating_point_range_is_refused():
     with refused("drivetrain.lag-tiny"):
         Drivetrain(lag_s=5e-324)
     assert Drivetrain(lag_s=1e-3).has_lag

@@ -1,4 +1,4 @@
-"""Energy and momentum: what friction, centripetal terms and an eccentric mass may and may not do."""
+"""Energy and momentum: the permitted effects of friction, centripetal terms and an eccentric mass."""
 
 import casadi
 import numpy as np
@@ -56,13 +56,13 @@ def test_friction_always_opposes_the_motion(friction, nu):
 
 @QUICK
 @given(frictions, vectors(-5.0, 5.0))
-def test_friction_is_odd(friction, nu):
+def test_friction_is_an_odd_function_of_velocity(friction, nu):
     assert friction.force(-nu) == pytest.approx(-friction.force(nu))
 
 
 @QUICK
 @given(frictions, vectors(-3.0, 3.0), st.floats(-0.3, 0.3))
-def test_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
+def test_an_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c, friction=friction)
     eta, energy = REST, kinetic_energy(p, nu)
     for _ in range(12):
@@ -74,7 +74,7 @@ def test_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
 
 @QUICK
 @given(frictions, vectors(-3.0, 3.0), vectors(-3.0, 3.0), st.floats(-0.3, 0.3))
-def test_the_power_of_effort_less_that_of_friction_is_what_the_body_gains(friction, nu, effort, c):
+def test_the_gained_power_is_effort_power_minus_friction_power(friction, nu, effort, c):
     T = np.array([[2.0, 0.1, 0.2], [0.0, 1.0, 0.3], [-0.1, 0.2, 0.5]])
     p = Planar(2.0, 0.5, T, centre_of_mass_x_m=c, friction=friction)
     gained = nu @ mass_matrix(p) @ p.nu_dot(nu, effort)
@@ -84,7 +84,7 @@ def test_the_power_of_effort_less_that_of_friction_is_what_the_body_gains(fricti
 
 @QUICK
 @given(vectors(-3.0, 3.0), vectors(-2.0, 2.0), st.floats(-0.3, 0.3))
-def test_without_forces_momentum_and_spin_stay(nu, eta, c):
+def test_without_forces_momentum_and_spin_are_conserved(nu, eta, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c)
     before = momentum(p, eta, nu)
     for _ in range(25):
@@ -94,7 +94,7 @@ def test_without_forces_momentum_and_spin_stay(nu, eta, c):
 
 @QUICK
 @given(vectors(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.3, 0.3))
-def test_on_a_frictionless_slope_kinetic_and_potential_energy_change_hands(nu, heading, c):
+def test_total_energy_is_conserved_on_a_frictionless_slope(nu, heading, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c, slope_rad=0.2, slope_heading_rad=heading)
 
     def total(eta, nu):
@@ -129,7 +129,7 @@ LAGRANGE = lagrange()
 
 @QUICK
 @given(vectors(-3.0, 3.0), vectors(-3.0, 3.0), vectors(-5.0, 5.0), st.floats(-0.3, 0.3), st.floats(0.0, 0.5))
-def test_newton_euler_by_hand_agrees_with_lagrange_by_machine(eta, nu, tau, c, alpha):
+def test_the_newton_euler_equations_equal_the_lagrange_equations(eta, nu, tau, c, alpha):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c, slope_rad=alpha, slope_heading_rad=0.7)
     J = map_from_body(eta[2])
     q_ddot = np.array(LAGRANGE(eta, J @ nu, tau, 2.0, 0.5, c, alpha, 0.7)).ravel()
@@ -140,7 +140,7 @@ def test_newton_euler_by_hand_agrees_with_lagrange_by_machine(eta, nu, tau, c, a
 
 @QUICK
 @given(st.floats(-3.0, 3.0), st.floats(-5.0, 5.0))
-def test_unforced_car_never_gains_speed(v, r):
+def test_an_unforced_car_never_gains_speed(v, r):
     car = Car(
         wheelbase_m=0.15,
         throttle_gain=4.0,

@@ -1,4 +1,4 @@
-"""Frames: J is a rotation; the map's origin, and full turns, change nothing that a vehicle feels."""
+"""Frames: J is a rotation; the map's origin and full turns do not change the motion of a vehicle."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def drive(vehicle, eta, ticks=12):
 
 @QUICK
 @given(st.floats(-10.0, 10.0))
-def test_j_is_a_rotation(psi):
+def test_the_frame_transformation_is_a_rotation(psi):
     J = map_from_body(psi)
     assert pytest.approx(np.eye(3), abs=1e-15) == J @ J.T
     assert np.linalg.det(J) == pytest.approx(1.0)
@@ -42,7 +42,7 @@ def test_j_is_a_rotation(psi):
 @names
 @QUICK
 @given(start=poses)
-def test_moving_and_turning_the_world_moves_and_turns_the_path(name, start):
+def test_the_path_moves_and_turns_with_the_world(name, start):
     drive_at_zero, felt_here = drive(VEHICLES[name], np.zeros(3))
     drive_at_start, felt_there = drive(VEHICLES[name], start)
     expected = compose(start, drive_at_zero.eta)
@@ -54,7 +54,7 @@ def test_moving_and_turning_the_world_moves_and_turns_the_path(name, start):
 
 @QUICK
 @given(turn=st.floats(-3.0, 3.0))
-def test_turning_a_slope_with_the_vehicle_changes_nothing_it_feels(turn):
+def test_turning_slope_and_vehicle_together_does_not_change_the_motion(turn):
     def on(heading):
         return Planar(2.0, 0.5, T, friction=FRICTION, slope_rad=0.1, slope_heading_rad=heading)
 
@@ -66,7 +66,7 @@ def test_turning_a_slope_with_the_vehicle_changes_nothing_it_feels(turn):
 
 @names
 @pytest.mark.parametrize("turns", [-2, 1])
-def test_full_turns_change_nothing(name, turns):
+def test_full_turns_do_not_change_the_pose(name, turns):
     drive_at_zero, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3]))
     turned_motion, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3 + 2.0 * np.pi * turns]))
     assert turned_motion.eta == pytest.approx(drive_at_zero.eta, abs=1e-9)
@@ -74,7 +74,7 @@ def test_full_turns_change_nothing(name, turns):
 
 @names
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_crossing_half_a_turn_between_two_ticks_wraps_and_goes_on(name, side):
+def test_the_heading_wraps_when_crossing_pi(name, side):
     vehicle = VEHICLES[name]
     start = np.array([0.0, 0.0, side * (np.pi - 1e-3)])
     state = vehicle.init(start, np.array([0.0, 0.0, side * 3.0]))

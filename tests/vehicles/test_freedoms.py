@@ -1,4 +1,4 @@
-"""How a vehicle can move is asked of its equations: what is known of ours by hand."""
+"""The possible motions of a vehicle are derived from its equations and compared with hand calculations."""
 
 from pathlib import Path
 
@@ -15,16 +15,16 @@ OMNI = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml").vehicle
 
 
 @pytest.mark.parametrize(("vehicle", "entries"), [(SMALL, (0, 1, 2)), (CAR, (0, 2)), (KINEMATIC, ())])
-def test_a_rear_axle_keeps_no_sideways_speed_and_a_kinematic_vehicle_none(vehicle, entries):
+def test_retained_velocities_depend_on_the_vehicle_kind(vehicle, entries):
     assert kept(vehicle) == entries
 
 
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, False), (CAR, True), (KINEMATIC, False)])
-def test_only_a_servo_turns_nothing_that_stands(vehicle, does):
+def test_only_a_car_is_classified_as_steered(vehicle, does):
     assert steers(vehicle) is does
 
 
-def test_a_dead_zone_beyond_one_unit_makes_no_servo_of_a_wheel():
+def test_a_large_dead_zone_does_not_make_a_wheel_a_servo():
     zones = {f"model.drivetrain.dead_zone_{way}": [2.0, 2.0] for way in ("forward", "backward")}
     limits = {"model.drivetrain.limit": [6.0], "command.limit": [6.0, 0.0, 6.0]}
     blunt = load("small").with_values(zones | limits)
@@ -33,11 +33,11 @@ def test_a_dead_zone_beyond_one_unit_makes_no_servo_of_a_wheel():
 
 
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, True), (CAR, True), (OMNI, False)])
-def test_the_last_wheel_of_an_omni_robot_is_not_a_command_to_turn(vehicle, does):
+def test_turning_commands_are_recognised_for_each_vehicle(vehicle, does):
     assert turns(vehicle) is does
 
 
-def test_a_speed_fades_by_viscous_and_dry_friction_over_the_mass():
+def test_the_decay_rate_is_friction_over_mass():
     friction = Friction(linear=np.array([3.0, 4.0, 0.01]), coulomb=np.array([0.2, 0.0, 0.0]))
     vehicle = Planar(0.5, 0.002, np.eye(3), friction=friction)
     assert rates(vehicle) == pytest.approx([(3.0 + 0.2 / 0.05) / 0.5, 8.0, 5.0], rel=1e-6)
@@ -50,7 +50,7 @@ def test_a_speed_fades_by_viscous_and_dry_friction_over_the_mass():
     )
 
 
-def test_the_lag_of_a_car_counts_as_what_makes_its_turning_fade():
+def test_the_yaw_lag_of_a_car_gives_its_yaw_decay_rate():
     car = Car(0.15, 7.0, 0.4, linear_drag=2.0, yaw_lag_s=0.05, drivetrain=Drivetrain(commands=2))
     assert rates(car) == pytest.approx([2.0, 0.0, 20.0], rel=1e-6)
     assert rates(KINEMATIC).tolist() == [0.0, 0.0, 0.0]

@@ -33,7 +33,7 @@ def end(vehicle, effort, steps, duration_s=0.8):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_error_of_a_step_falls_with_the_fourth_power_of_it(name):
+def test_the_integration_error_is_of_fourth_order(name):
     vehicle, effort = CASES[name]
     exact = end(vehicle, effort, 640)
     steps = np.array([10, 20, 40])
@@ -55,7 +55,7 @@ def test_rk4_is_stable_below_2_785_time_constants_and_not_above():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_acceleration_told_is_the_one_at_the_end_of_the_step(name):
+def test_the_returned_acceleration_is_that_at_the_end_of_the_step(name):
     vehicle, effort = CASES[name]
     eta, nu = np.array([0.0, 0.0, 0.4]), np.array([0.5, 0.0, 0.3])
     if name == "kinematic":
@@ -73,7 +73,7 @@ def test_a_kinematic_tick_without_duration_has_no_acceleration():
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("dt_s", [0.01, 0.04])
-def test_the_noise_of_a_tick_is_kicked_into_the_velocity_once(name, dt_s):
+def test_process_noise_is_added_to_the_velocity_once_per_tick(name, dt_s):
     """σ √δ a tick, so that ν walks by σ² a second at any rate; a kinematic ν scatters by σ."""
     vehicle, effort = CASES[name]
     std, noise = np.array([0.3, 0.2, 0.1]), np.array([1.0, -2.0, 0.5])
@@ -135,7 +135,7 @@ def test_dry_friction_of_small_motors_is_integrated_within_a_millimetre_a_second
     assert ends(1) == pytest.approx(ends(10), abs=4e-3)
 
 
-def test_the_shortest_lag_of_a_car_survives_the_longest_row_and_settles():
+def test_the_shortest_car_lag_is_stable_over_the_longest_step():
     """At 50 Hz a row may last 25 ms; with 7 ms of lag the yaw rate runs away there."""
     low = next(f.metadata["parameter"].low for f in dataclasses.fields(Car) if f.name == "yaw_lag_s")
     car = Car(wheelbase_m=0.3, throttle_gain=4.0, steering_gain=0.3, linear_drag=2.0, yaw_lag_s=low)

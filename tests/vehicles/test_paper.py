@@ -20,7 +20,7 @@ states = arrays(float, 3, elements=st.floats(-5.0, 5.0))
 
 @QUICK
 @given(states, states)
-def test_the_model_is_equ_movement_equation(nu, u):
+def test_the_model_equals_the_movement_equation_of_the_paper(nu, u):
     """M ν̇ + C(ν)ν + D(ν)ν = T u with M, C, D as `equ:M`, `equ:C`, `equ:D` print them."""
     M = np.diag([M_KG, M_KG, I])
     C = M_KG * np.array([[0.0, 0.0, -nu[1]], [0.0, 0.0, nu[0]], [nu[1], -nu[0], 0.0]])
@@ -31,7 +31,7 @@ def test_the_model_is_equ_movement_equation(nu, u):
 
 @QUICK
 @given(states, states)
-def test_phi_without_its_impossible_row_is_the_models_rate(nu, u):
+def test_the_corrected_phi_matrix_gives_the_model_acceleration(nu, u):
     """ν̇ = Φν + M⁻¹τ, `equ:dinamic_model`; the ±mν/I of Φ's third row cancel in Φν (errata 2)."""
     phi = np.diag(-(DL + DC * np.abs(nu)) / np.array([M_KG, M_KG, I]))
     phi[0, 2], phi[1, 2] = nu[1], -nu[0]
@@ -44,7 +44,7 @@ def test_phi_without_its_impossible_row_is_the_models_rate(nu, u):
 
 @QUICK
 @given(arrays(float, 3, elements=st.floats(0.1, 5.0)), st.sampled_from([(1, 1, 1), (-1, 1, -1), (1, -1, 1)]))
-def test_the_papers_g_holds_but_for_its_last_row(speed, sign):
+def test_the_g_matrix_is_correct_except_its_last_row(speed, sign):
     """∂ν̇/∂ν as the paper's G_t, with dissipative friction and a third row without ±mν/I (errata 1, 2)."""
     nu, h = speed * sign, 1e-6
     response = np.stack(
@@ -60,7 +60,7 @@ def test_the_papers_g_holds_but_for_its_last_row(speed, sign):
     assert response == pytest.approx(G, abs=1e-6)
 
 
-def test_case_study_one_settles_where_its_numbers_say():
+def test_case_study_one_reaches_its_computed_final_speed():
     """T u = (d_l + d_c v) v with u_x = 20: v = (−7 + √(49 + 4·3.5·20)) / 7 = 1.5913 m/s."""
     state = CASE_I.init()
     for _ in range(1000):
@@ -68,7 +68,7 @@ def test_case_study_one_settles_where_its_numbers_say():
     assert state.nu == pytest.approx([(-7.0 + np.sqrt(49.0 + 280.0)) / 7.0, 0.0, 0.0], abs=1e-9)
 
 
-def test_case_study_one_answers_within_a_fifth_of_a_second():
+def test_case_study_one_responds_within_0_2_s():
     """m/d_l = 0.21 s and I/d_lψ = 1.62 s: the first is why a kinematic model does well there."""
     state = CASE_I.init()
     for _ in range(21):
@@ -76,7 +76,7 @@ def test_case_study_one_answers_within_a_fifth_of_a_second():
     assert state.nu[0] == pytest.approx(0.1 * (1.0 - np.exp(-1.0)), rel=0.03)
 
 
-def test_the_papers_printed_sign_of_d_cx_would_be_refused():
+def test_the_printed_negative_d_cx_is_refused():
     """d_cx = +3.4398 there is −3.4398 here: a vehicle that accelerates by friction (errata 6)."""
     with refused("field.range", ValueError, where="Friction.quadratic", low=0.0):
         Friction(quadratic=np.array([-3.4398, 4.6451, 313.1575]))

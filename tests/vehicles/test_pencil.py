@@ -1,4 +1,4 @@
-"""Physics by hand: cases that a student can do with a pencil. They test the world, not the code."""
+"""Physics by hand: cases that a student can calculate. They test the world, not the code."""
 
 import numpy as np
 import pytest
@@ -28,14 +28,14 @@ def test_a_free_roll_against_viscous_friction_stops_after_m_v_over_d():
     assert nu == pytest.approx(REST, abs=1e-9)
 
 
-def test_a_free_roll_against_dry_friction_stops_after_m_v_squared_over_2_f():
+def test_a_free_roll_with_dry_friction_stops_after_mv2_over_2f():
     friction = Friction(coulomb=np.array([1.0, 0.0, 0.0]), coulomb_speed=np.array([1e-3, 0.05, 0.5]))
     eta, nu, _ = drive(planar(friction=friction), REST, np.array([0.5, 0.0, 0.0]), REST, 3.0, dt_s=1e-3)
     assert eta[0] == pytest.approx(2.0 * 0.5**2 / (2.0 * 1.0), abs=1e-4)  # 0.25 m
     assert nu[0] == pytest.approx(0.0, abs=1e-4)
 
 
-def test_a_free_roll_against_quadratic_friction_goes_on_for_ever_as_a_logarithm():
+def test_a_free_roll_with_quadratic_friction_has_a_logarithmic_path():
     p = planar(friction=Friction(quadratic=np.array([4.0, 0.0, 0.0])))
     eta, _, _ = drive(p, REST, np.array([3.0, 0.0, 0.0]), REST, 5.0)
     assert eta[0] == pytest.approx(2.0 / 4.0 * np.log(1.0 + 4.0 * 3.0 * 5.0 / 2.0), abs=1e-5)
@@ -48,7 +48,7 @@ def test_a_steady_push_ends_at_force_over_friction():
     assert nu_dot == pytest.approx(REST, abs=1e-8)
 
 
-def test_a_free_body_keeps_going_straight_while_it_turns():
+def test_a_free_spinning_body_moves_straight_in_the_map():
     """No force: over the floor it goes straight, so along its own axes it must seem to swerve."""
     eta, nu, _ = drive(planar(), REST, np.array([1.0, 0.0, np.pi / 2.0]), REST, 1.0)
     assert eta == pytest.approx([1.0, 0.0, np.pi / 2.0], abs=1e-8)
@@ -70,7 +70,7 @@ def test_a_torque_turns_a_body_by_n_t_over_i():
     assert nu == pytest.approx([0.0, 0.0, 0.25 * 2.0 / 0.5], abs=1e-12)
 
 
-def test_a_slope_pulls_a_vehicle_back_by_half_g_sin_alpha_t_squared():
+def test_a_slope_moves_a_free_vehicle_by_half_g_sin_alpha_t2():
     p = planar(slope_rad=0.1, slope_heading_rad=0.0)
     eta, nu, _ = drive(p, REST, REST, REST, 2.0)
     assert eta == pytest.approx([-0.5 * G * np.sin(0.1) * 4.0, 0.0, 0.0], abs=1e-9)
@@ -89,7 +89,7 @@ def test_a_push_through_the_centre_of_mass_does_not_turn_the_body():
     assert p.nu_dot(REST, np.array([0.0, 1.0, 0.3])) == pytest.approx([0.0, 0.5, 0.0], abs=1e-12)
 
 
-def test_a_push_at_the_axle_turns_the_nose_the_other_way():
+def test_a_force_at_the_axle_turns_the_nose_opposite():
     """1 N to the left on the axle, the mass 0.3 m ahead: −1·0.3/0.5 rad/s², the centre gets 1/2 m/s²."""
     nu_dot = planar(centre_of_mass_x_m=0.3).nu_dot(REST, np.array([0.0, 1.0, 0.0]))
     assert nu_dot == pytest.approx([0.0, 0.5 + 0.3 * 0.6, -0.6], abs=1e-12)
@@ -132,7 +132,7 @@ def test_a_car_goes_round_a_circle_of_wheelbase_over_tan_delta():
     assert half[1] == pytest.approx(2.0 * radius, abs=1e-7)
 
 
-def test_a_car_told_at_its_middle_moves_sideways_by_b_omega():
+def test_the_middle_of_a_car_moves_sideways_by_b_omega():
     car = Car(wheelbase_m=0.2, throttle_gain=4.0, steering_gain=0.3, rear_axle_m=0.1)
     state = car.init(nu=np.array([0.5, 7.0, 2.0]))  # a sideways speed that the rear axle does not allow
     assert state.nu == pytest.approx([0.5, 0.2, 2.0])
@@ -150,7 +150,7 @@ def test_cornering_drag_takes_k_v_omega_from_a_car():
         assert extra == pytest.approx(-0.8 * abs(v * r) * np.sign(v))
 
 
-def test_a_motor_that_coasts_between_pulses_brakes_only_while_it_is_driven():
+def test_a_coasting_motor_brakes_only_during_its_pulses():
     """Duty 0.5 of 0.3 effort and a dead zone of 0.2; back EMF 4 1/s: at 1 m/s it takes 2 m/s²."""
     free = Drivetrain(commands=2, dead_zone_forward=np.array([0.2, 0.0]))
     car = Car(0.15, throttle_gain=10.0, steering_gain=0.3, motor_drag=4.0, drivetrain=free)

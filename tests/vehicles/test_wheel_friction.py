@@ -1,4 +1,4 @@
-"""Dry friction of each wheel, forward and backward: what it does to the body, and that it only takes energy."""
+"""Dry friction of each wheel, forward and backward: its force on the body, and that it only removes energy."""
 
 import numpy as np
 import pytest
@@ -17,18 +17,18 @@ def wheels(forward, backward, track_m=0.2):
     return Friction(coulomb_forward=np.array(forward), coulomb_backward=np.array(backward), track_m=track_m)
 
 
-def test_both_wheels_hold_back_a_straight_roll_and_the_stronger_one_turns_it():
+def test_unequal_wheel_friction_brakes_and_turns_the_vehicle():
     """3 N left and 1 N right at ± 0.1 m: 4 N back, and (1 − 3) · 0.1 N m against ν_ψ, which turns it left."""
     assert wheels([3.0, 1.0], [0.5, 0.5]).force(np.array([FAST, 0.0, 0.0])) == pytest.approx([4.0, 0.0, -0.2])
 
 
-def test_backward_has_numbers_of_its_own():
+def test_backward_rolling_has_its_own_friction():
     assert wheels([3.0, 1.0], [0.5, 0.7]).force(np.array([-FAST, 0.0, 0.0])) == pytest.approx(
         [-1.2, 0.0, -0.02]
     )
 
 
-def test_a_turn_on_the_spot_rolls_one_wheel_back_and_the_other_forward():
+def test_a_turn_in_place_uses_backward_and_forward_friction():
     """Left wheel backward with 0.5 N, right one forward with 1 N: 0.5 N back, 0.15 N m against the turn."""
     force = wheels([3.0, 1.0], [0.5, 0.7]).force(np.array([0.0, 0.0, 100.0]))
     assert force == pytest.approx([0.5, 0.0, 0.15])
@@ -41,11 +41,11 @@ def test_a_turn_on_the_spot_rolls_one_wheel_back_and_the_other_forward():
     arrays(float, 3, elements=st.floats(-1.0, 1.0)),
     st.floats(0.01, 1.0),
 )
-def test_friction_of_wheels_never_gives_energy(forward, backward, nu, track_m):
+def test_wheel_friction_never_adds_energy(forward, backward, nu, track_m):
     assert nu @ wheels(forward, backward, track_m).force(nu) >= -1e-15
 
 
-def test_it_is_smooth_through_rest():
+def test_wheel_friction_is_smooth_through_rest():
     """The slope from the left and from the right at 0 is the same, (d_f + d_b) / 2 ν_k."""
     friction, h = wheels([3.0, 0.0], [1.0, 0.0]), 1e-6
     right = friction.force(np.array([h, 0.0, 0.0]))[0] / h
@@ -53,12 +53,12 @@ def test_it_is_smooth_through_rest():
     assert right == pytest.approx(left, rel=1e-4) == pytest.approx(2.0 / 0.05, rel=1e-4)
 
 
-def test_friction_of_wheels_without_a_track_is_refused():
+def test_wheel_friction_without_a_track_is_refused():
     with refused("friction.track", ValueError):
         Friction(coulomb_forward=np.array([1.0, 1.0]))
 
 
-def test_wheels_without_friction_leave_no_trace_in_a_kernel():
+def test_wheels_without_friction_add_no_operations_to_a_kernel():
     from baqueano.symbolic import scan
     from baqueano.vehicles import Planar
 

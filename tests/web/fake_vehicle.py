@@ -22,7 +22,7 @@ VEHICLE = {
 
 
 class FakeLink:
-    """A service that writes down what it is told, and says what the test wants."""
+    """A service that records the requests and sends the messages that the test needs."""
 
     def __init__(self):
         self.messages, self.gone = [], False

@@ -79,7 +79,7 @@ class Browser:
         await self.line.send(json.dumps({"is": word, **more}))
 
     async def ask(self, what: str, **more: Any) -> dict[str, Any]:
-        """Ask, and return the answer."""
+        """Send a request and return the answer."""
         self.question_id += 1
         await self.say("ask", id=self.question_id, what=what, **more)
         return await self.next("answer", where=lambda word, number=self.question_id: word.get("id") == number)
@@ -123,7 +123,7 @@ async def line_to(server: Server, **options: Any) -> AsyncIterator[ClientConnect
 
 @asynccontextmanager
 async def browser(server: Server, lang: str = "en", **hello: Any) -> AsyncIterator[Browser]:
-    """Open a page and say hello."""
+    """Open a page and send the hello message."""
     async with line_to(server) as line:
         visitor = Browser(line)
         await visitor.say("hello", lang=lang, **hello)

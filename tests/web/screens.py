@@ -43,7 +43,7 @@ def until(true: Callable[[], Any], seconds: float = 10.0) -> Any:
 
 
 def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[str, Tab]]:
-    """Yield the tab at each screen of this kind of page, with all that it asks for answered."""
+    """Yield the tab at each screen of this kind of page, with all requests answered."""
     with ScriptedServer("live" if kind == "live" else "replay", ghost=kind == "ghost") as server:
         tab = browser.tab()
         tab.size(*SIZES["laptop"])

@@ -53,7 +53,7 @@ def route() -> dict[str, Any]:
 
 
 def answer_to(word: dict[str, Any]) -> dict[str, Any]:
-    """Return what a worker would say to a question, on paper."""
+    """Return the answer of a worker to a request, without a computation."""
     if word["what"] == "tune":
         about = {
             "gains": GAINS,
@@ -114,7 +114,7 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
 
 
 def block_of(room: str) -> dict[str, Any]:
-    """Return what a worker would say of a block."""
+    """Return the answer of a worker about a block."""
     kinds = {
         "estimator": ["ekf", "augmented_ekf", "my_blocks.py:MyEkf"],
         "controller": ["pd", "lqr"],

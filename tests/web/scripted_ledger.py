@@ -43,7 +43,7 @@ def ledger(language: str) -> dict[str, Any]:
 
 
 class Faults:
-    """Faults of a drive, in a ledger that nobody reads: no one notices them."""
+    """Faults of a drive in a ledger without detections."""
 
     def __init__(self) -> None:
         self.rows: list[dict[str, Any]] = []

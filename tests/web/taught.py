@@ -1,4 +1,4 @@
-"""What a drive has taught, in a script: the word `identify`."""
+"""The message `identify` of the information of a drive, in a script."""
 
 import math
 from typing import Any

@@ -21,7 +21,7 @@ def folder(tmp_path_factory):
     return folder_of(tmp_path_factory.mktemp("page") / "runs", circle=drive())
 
 
-def test_ne5_words_are_bounded_in_size_and_rate(folder):
+def test_ne5_messages_are_limited_in_size_and_rate(folder):
     async def job():
         async with recorded_page(folder, "circle") as server:
             for frame, code in (
@@ -49,7 +49,7 @@ def test_ne5_words_are_bounded_in_size_and_rate(folder):
     run_page(job)
 
 
-def test_ne5_fifty_words_a_second_are_taken():
+def test_ne5_fifty_messages_per_second_are_accepted():
     now = 0.0
     rate = Rate(50.0, lambda: now)
     assert sum(rate.one_more() for _ in range(200)) == 100
@@ -57,7 +57,7 @@ def test_ne5_fifty_words_a_second_are_taken():
     assert sum(rate.one_more() for _ in range(200)) == 50
 
 
-def test_ne5_thirty_two_browsers_are_let_in_and_the_next_is_not(folder):
+def test_ne5_at_most_thirty_two_browsers_are_accepted(folder):
     async def job():
         async with recorded_page(folder, "circle") as server, AsyncExitStack() as several:
             lines = [await several.enter_async_context(line_to(server)) for _ in range(serving.VISITORS)]
@@ -81,7 +81,7 @@ def test_ne5_nothing_is_compressed(folder):
     run_page(job)
 
 
-def test_ne5_who_says_nothing_is_let_go(folder, monkeypatch):
+def test_ne5_a_silent_connection_is_closed(folder, monkeypatch):
     monkeypatch.setattr(serving, "HANDSHAKE_S", 0.3)
 
     async def job():
@@ -97,7 +97,7 @@ def test_ne5_who_says_nothing_is_let_go(folder, monkeypatch):
     run_page(job)
 
 
-def test_ne5_a_long_head_is_refused(folder):
+def test_ne5_a_long_request_header_is_refused(folder):
     async def job():
         async with recorded_page(folder, "circle") as server:
             assert (await request(server, "GET / HTTP/1.1\r\nX: " + "a" * 40000))[0] in (431, 0)
@@ -107,7 +107,7 @@ def test_ne5_a_long_head_is_refused(folder):
     run_page(job)
 
 
-def test_a_browser_that_does_not_read_is_given_one_picture_and_let_go_when_words_pile_up(folder):
+def test_a_browser_that_does_not_read_is_disconnected(folder):
     async def job():
         async with recorded_page(folder, "circle") as server, browser(server) as guest:
             (visitor,) = server.visitors
@@ -127,7 +127,7 @@ def test_a_browser_that_does_not_read_is_given_one_picture_and_let_go_when_words
     run_page(job)
 
 
-def test_ne5_those_who_do_not_read_the_last_minute_share_one(tmp_path):
+def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live):
             for k in range(60):

@@ -1,4 +1,4 @@
-"""Every screen by keys alone: all is reached, the focus is seen, nothing moves for those who do not want it."""
+"""Every screen by keys alone: all elements are reachable, the focus is visible, and reduced motion is respected."""
 
 import time
 
@@ -44,19 +44,19 @@ def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
     return wrong
 
 
-def test_all_of_a_drive_is_reached_by_tab_and_the_focus_is_seen(tab, live):
+def test_every_element_of_a_drive_is_reachable_by_tab_with_visible_focus(tab, live):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")
     assert not by_keys(tab, LIVE)
 
 
-def test_all_of_a_run_is_reached_by_tab_and_the_focus_is_seen(tab, replay):
+def test_every_element_of_a_run_is_reachable_by_tab_with_visible_focus(tab, replay):
     open_page(tab, replay)
     assert not by_keys(tab, RECORDED)
 
 
-def test_with_reduced_motion_the_map_does_not_glide(tab, live):
+def test_with_reduced_motion_the_map_is_not_animated(tab, live):
     tab.media(prefers_reduced_motion="reduce")
     open_page(tab, live)
     tab.js(f"{PAGE}.screen.map.zoom(3)")
@@ -68,7 +68,7 @@ def test_with_reduced_motion_the_map_does_not_glide(tab, live):
 
 
 @pytest.mark.parametrize("motion", ["reduce", "no-preference"])
-def test_a_lap_of_tune_moves_only_where_motion_is_wanted(tab, live, motion):
+def test_a_tuning_lap_is_not_animated_with_reduced_motion(tab, live, motion):
     tab.media(prefers_reduced_motion=motion)
     open_page(tab, live, screen="tune")
     tab.wait(f"Boolean({PAGE}.screens.tune.lap)")

@@ -1,4 +1,4 @@
-"""The palette for eyes that lack a cone: what must be told apart stays apart, or differs in its dash or shape as well.
+"""The palette for colour-blind users: necessary distinctions remain by colour, or by dash or shape.
 
 Eyes by Machado, Oliveira and Fernandes (2009), table 1 at severity 1.0, on linear RGB. Distance: CIEDE2000 as Sharma,
 Wu and Dalal (2005) write it, with their own test data below.
@@ -29,7 +29,7 @@ XYZ = np.array(
 D65 = np.array([0.95047, 1.0, 1.08883])
 APART = 10.0  # ΔE00 of two thin lines; 1 is just seen side by side
 FROM_CARD = 15.0
-BY_COLOUR = [  # nothing else tells these apart
+BY_COLOUR = [  # only the colour distinguishes these
     ("measured", "model"),  # two lines of a strip
     ("model", "sim"),  # a bar that is good, and one that is poor
     ("model", "alarm"),  # the NIS in its band, and above it
@@ -54,7 +54,7 @@ def palette(theme: str) -> dict[str, str]:
 
 
 def lab(colour: str, eye: str) -> np.ndarray:
-    """Return L*, a*, b* of a colour as an eye sees it."""
+    """Return L*, a*, b* of a colour for this eye."""
     c = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
     x = XYZ @ np.clip(EYES[eye] @ linear, 0.0, 1.0) / D65
@@ -99,11 +99,11 @@ def distance(first: np.ndarray, two: np.ndarray) -> float:
         ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
     ],
 )
-def test_the_distance_is_that_of_the_paper(first, two, expected):
+def test_the_colour_distance_equals_that_of_the_paper(first, two, expected):
     assert distance(np.array(first), np.array(two)) == pytest.approx(expected, abs=1e-4)
 
 
-def test_an_eye_without_the_green_cone_takes_red_for_olive():
+def test_simulated_deuteranopia_brings_red_and_olive_close():
     """A red and a green of one lightness come close; without that the eyes below would prove nothing."""
     red, green = "#c4201f", "#5c6a00"
     assert distance(lab(red, "deuteranopia"), lab(green, "deuteranopia")) < 0.4 * distance(
@@ -113,7 +113,7 @@ def test_an_eye_without_the_green_cone_takes_red_for_olive():
 
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_colours_that_nothing_else_tells_apart_are_far_apart(theme, eye):
+def test_colours_that_are_the_only_difference_are_far_apart(theme, eye):
     colours = palette(theme)
     near = {
         pair: round(far, 1)
@@ -125,7 +125,7 @@ def test_colours_that_nothing_else_tells_apart_are_far_apart(theme, eye):
 
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_every_line_stands_out_from_its_card(theme, eye):
+def test_every_line_has_contrast_with_its_card(theme, eye):
     colours = palette(theme)
     lines = ("measured", "model", "ghost", "alarm", "sim", "ink", "route", "quiet", "middle", "loud")
     faint = {
@@ -137,6 +137,6 @@ def test_every_line_stands_out_from_its_card(theme, eye):
 
 
 @pytest.mark.parametrize("pair", DASHED, ids=" ".join)
-def test_lines_that_may_look_alike_differ_by_their_dash(pair):
+def test_lines_of_similar_colour_differ_by_their_dash(pair):
     file, dash = DASHED[pair]
     assert re.search(dash, (STATIC / file).read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""`baqueano demo` opens a tab, which sees the whole of it in motion; the browser is a program of the test."""
+"""`baqueano demo` opens a tab that shows the whole demo; the browser is a program of the test."""
 
 import json
 import os
@@ -62,7 +62,7 @@ def demo(tmp_path):
 
 
 @pytest.mark.alone
-def test_a_demo_opens_a_tab_within_20_s_shows_all_of_it_and_ends_by_itself(tmp_path):
+def test_a_demo_opens_a_tab_within_20_s_and_ends_by_itself(tmp_path):
     with before_others():
         done, record, start_s = demo(tmp_path)
     assert done.returncode == 0, done.stderr
@@ -78,7 +78,7 @@ class SimulationCall(Exception):
 
 
 @pytest.mark.parametrize(("words", "opens_page"), [((), True), (("--page",), True), (("--no-page",), False)])
-def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opens_page):
+def test_a_demo_without_a_page_starts_no_page_process(tmp_path, monkeypatch, words, opens_page):
     commands, process = [], subprocess.Popen
 
     def starts(command, **options):

@@ -1,4 +1,4 @@
-"""Two to five browsers at once, over sockets: commands come of one driver at a time, whoever says what and when."""
+"""Two to five browsers at once, over sockets: commands come from one driver at a time, for any order of messages."""
 
 import random
 from contextlib import AsyncExitStack
@@ -16,7 +16,7 @@ STEPS = 80
 
 
 class Model:
-    """Who drives, by the rules of lease.py, and the commands that the vehicle should hear."""
+    """The driver by the rules of lease.py, and the commands that the vehicle should receive."""
 
     def __init__(self, clock):
         self.clock, self.holder, self.until_s, self.n = clock, None, 0.0, 0

@@ -1,4 +1,5 @@
-"""Faults in a real browser on a real simulation: push by a drag, cut the IMU, read who noticed, drive again without."""
+"""Faults in a real browser on a real simulation: push by a drag, cut the IMU, read the detections, repeat without
+faults."""
 
 import os
 
@@ -39,7 +40,7 @@ def driving(tab):
     raise AssertionError(f"in {TRIES} tries nothing drove for 2 s")
 
 
-def test_push_cut_read_the_ledger_and_drive_again_without(chromium, tmp_path):
+def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(chromium, tmp_path):
     for k in range(TRIES):
         folder = tmp_path / str(k)
         folder.mkdir()
@@ -101,7 +102,7 @@ def fault_and_replay(tab):
     tab.wait(f"{STATE} === 'READY'", 30.0)
 
 
-def test_a_robot_has_no_such_tab(chromium):
+def test_a_real_robot_does_not_have_the_faults_tab(chromium):
     with ScriptedServer("live", world="real") as server:
         tab = chromium.tab()
         tab.goto(f"{server.url}?lang=en")

@@ -42,7 +42,7 @@ async def next_word(line, *ops):
 
 
 @needs_client
-def test_the_public_client_sees_all_and_changes_nothing(tmp_path):
+def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live):
             link.on_word({
@@ -104,7 +104,7 @@ def test_the_public_client_sees_all_and_changes_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_both_names_of_the_protocol_are_spoken(tmp_path, name):
+def test_both_names_of_the_protocol_are_accepted(tmp_path, name):
     async def job():
         async with (
             live_page(tmp_path) as (server, link, _),
@@ -136,7 +136,7 @@ def test_both_names_of_the_protocol_are_spoken(tmp_path, name):
     run_page(job)
 
 
-def test_ne2_ne3_a_program_needs_a_token_where_a_page_would(tmp_path):
+def test_ne2_ne3_a_program_needs_a_token_like_a_page(tmp_path):
     async def status_of(url, **options):
         with pytest.raises(InvalidStatus) as error:
             await connect(url, subprotocols=[NAMES[0]], **options).__aenter__()
@@ -160,7 +160,7 @@ def test_ne2_ne3_a_program_needs_a_token_where_a_page_would(tmp_path):
     run_page(job)
 
 
-def test_a_program_that_publishes_is_let_go(tmp_path):
+def test_a_program_that_publishes_is_disconnected(tmp_path):
     async def job():
         async with (
             live_page(tmp_path) as (server, link, _),

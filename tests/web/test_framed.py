@@ -1,4 +1,4 @@
-"""A page in the frame of somebody else's page, in a real browser: nobody is led to press what he does not see."""
+"""A page in the frame of another page, in a real browser: the user cannot click an invisible control."""
 
 import threading
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""The security of the page, row by row: who may connect, from where, and how much."""
+"""The security of the page, row by row: the permitted clients, their origins, and their limits."""
 
 import asyncio
 import gzip
@@ -47,7 +47,7 @@ def _static(monkeypatch, tmp_path):
     monkeypatch.setattr(serving, "STATIC", tmp_path)
 
 
-def test_ne1_it_listens_on_loopback_and_where_it_is_shared(folder):
+def test_ne1_the_page_listens_on_loopback_and_on_its_shared_address(folder):
     async def job():
         async with recorded_page(folder) as server:
             assert [
@@ -68,7 +68,7 @@ def test_ne1_it_listens_on_loopback_and_where_it_is_shared(folder):
     run_page(job)
 
 
-def test_ne1_the_address_that_is_printed_has_the_token_behind_the_number_sign():
+def test_ne1_the_printed_address_has_its_token_in_the_fragment():
     tokens = Guard((), 1).tokens
     assert len(set(tokens.values())) == 3
     assert all(len(token) >= 22 for token in tokens.values())  # 128 bits, six a letter
@@ -93,7 +93,7 @@ def test_ne2_a_host_that_is_not_served_is_refused_on_every_request(folder, host)
     run_page(job)
 
 
-def test_ne2_two_hosts_are_refused_and_each_own_one_is_served(folder):
+def test_ne2_a_request_with_two_host_headers_is_refused(folder):
     async def job():
         async with recorded_page(folder, "circle") as server:
             twice = f"GET /run/x HTTP/1.1\r\nHost: {address(server)}"
@@ -116,7 +116,7 @@ def test_ne2_a_page_of_another_origin_does_not_connect(folder, origin):
     run_page(job)
 
 
-def test_ne2_who_has_no_origin_watches_with_a_token_and_without_one_goes(folder):
+def test_ne2_a_client_without_an_origin_needs_a_token_to_watch(folder):
     async def job():
         async with recorded_page(folder, "circle") as server:
             async with line_to(server, origin=None) as line:
@@ -133,7 +133,7 @@ def test_ne2_who_has_no_origin_watches_with_a_token_and_without_one_goes(folder)
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "get"])
-def test_ne2_nothing_changes_by_http(folder, method):
+def test_ne2_http_requests_cannot_change_anything(folder, method):
     async def job():
         async with recorded_page(folder, "circle") as server:
             for path in ("/", "/ws", "/run/x"):
@@ -164,7 +164,7 @@ def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
             for role, token in server.guard.tokens.items():
                 async with browser(server, token=token) as visitor:
                     assert visitor.hello["role"] == role.word
-                    assert visitor.hello["shared"]  # the page says what that risks
+                    assert visitor.hello["shared"]  # the page explains this risk
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello"}))
                 assert json.loads(await line.recv())["code"] == "web.token"
@@ -172,7 +172,7 @@ def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
     run_page(job)
 
 
-def test_ne4_after_five_wrong_tokens_none_is_looked_at_for_a_minute():
+def test_ne4_after_five_wrong_tokens_every_token_is_refused_for_a_minute():
     now = 0.0
     guard = Guard((), 1, shared=True, now=lambda: now)
     right = guard.tokens[Role.DRIVE]
@@ -196,7 +196,7 @@ def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
         assert len(comparisons) == len(Role)
 
 
-def test_ne4_addresses_that_guess_take_no_memory():
+def test_ne4_addresses_that_guess_tokens_use_no_memory():
     guard = Guard((), 1, shared=True)
     for k in range(5000):
         guard.role(f"10.0.{k // 256}.{k % 256}", "wrong", True)
@@ -212,7 +212,7 @@ def test_ne4_addresses_that_guess_take_no_memory():
         "/report/../../x", "/static/page.js%00.html", "/static\\page.js", "/static/page.js/", "/.env", "/index.html",
     ],
 )  # fmt: skip
-def test_ne6_only_files_of_the_table_are_served(folder, path):
+def test_ne6_only_files_of_the_static_table_are_served(folder, path):
     async def job():
         async with recorded_page(folder, "circle") as server:
             assert (await request(server, f"GET {path} HTTP/1.1"))[0] == 404
@@ -225,7 +225,7 @@ def test_ne6_only_files_of_the_table_are_served(folder, path):
 @pytest.mark.parametrize(
     ("offer", "packing"), {"gzip, br": True, "br": False, "gzip;q=0": False, "": False}.items()
 )
-def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packing):
+def test_a_script_is_compressed_only_for_clients_that_accept_gzip(folder, offer, packing):
     async def job():
         async with recorded_page(folder, "circle") as server:
             line = "GET /static/page.js HTTP/1.1" + (f"\r\nAccept-Encoding: {offer}" if offer else "")
@@ -238,12 +238,12 @@ def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packing):
 
 
 @pytest.mark.parametrize("path", ["x", "http://evil.example/", "/\0", "/a b", "*", "/\xe9"])
-def test_ne6_what_is_not_a_path_is_refused(folder, path):
+def test_ne6_an_invalid_path_is_refused(folder, path):
     with pytest.raises(RefusedRequest):
         head_of(f"GET {path} HTTP/1.1\r\n\r\n".encode("latin-1"))
 
 
-def test_ne6_a_link_in_the_folder_of_runs_leads_nowhere(tmp_path):
+def test_ne6_a_symbolic_link_in_the_folder_of_runs_is_not_served(tmp_path):
     runs = folder_of(tmp_path / "runs", circle=drive())
     secret = tmp_path / "secret.mcap"
     secret.write_bytes(b"secret")
@@ -261,7 +261,7 @@ def test_ne6_a_link_in_the_folder_of_runs_leads_nowhere(tmp_path):
     run_page(job)
 
 
-def test_ne6_a_run_is_opened_by_its_word_alone(folder):
+def test_ne6_a_run_is_not_opened_by_name_or_path(folder):
     async def job():
         async with recorded_page(folder, "circle") as server, browser(server) as visitor:
             for run in ("circle", "../runs/circle.mcap", str(folder / "circle.mcap"), 3, {"a": 1}, None):
@@ -273,7 +273,7 @@ def test_ne6_a_run_is_opened_by_its_word_alone(folder):
 
 
 @pytest.mark.usefixtures("_static")
-def test_ne7_the_policy_stands_on_every_answer_and_no_address_leaks(folder):
+def test_ne7_every_response_has_the_security_policy_headers(folder):
     async def job():
         async with recorded_page(folder, "circle") as server:
             for path in ("/", "/static/page.js", "/nothing", "/run/x"):
@@ -305,7 +305,7 @@ def test_ne7_a_token_is_in_no_output_but_the_printed_addresses(folder, caplog, c
     run_page(job)
 
 
-def test_ne8_no_file_of_the_page_names_another_place():
+def test_ne8_no_file_of_the_page_refers_to_an_external_address():
     for path, asset in static(serving.STATIC).items():
         text = asset.content.decode("utf-8", "replace")
         foreign = [
@@ -317,7 +317,7 @@ def test_ne8_no_file_of_the_page_names_another_place():
         assert not re.search(r"\b(innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\()", text), path
 
 
-def test_ne8_hostile_names_stay_text(tmp_path):
+def test_ne8_hostile_names_are_served_as_text(tmp_path):
     from dataclasses import replace
 
     name = "<img src=x onerror=alert(1)>"
@@ -332,7 +332,7 @@ def test_ne8_hostile_names_stay_text(tmp_path):
     run_page(job)
 
 
-def test_no_port_is_taken_twice(folder):
+def test_a_port_in_use_is_refused(folder):
     with socket.create_server(("127.0.0.1", 0)) as listening:
         port = listening.getsockname()[1]
 

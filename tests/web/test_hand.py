@@ -1,4 +1,4 @@
-"""What a hand does on the page: a game pad, the buttons of a drive, its pace, and each button that breaks something."""
+"""Manual control on the page: a game pad, the buttons of a drive, its pace, and each fault button."""
 
 import pytest
 
@@ -48,7 +48,7 @@ def command(live):
     return beats[-1]["u"] if beats else None
 
 
-def test_a_game_pad_drives_beyond_its_dead_zone_and_lets_go_when_it_is_unplugged(driver, live):
+def test_a_game_pad_drives_beyond_its_dead_zone_until_unplugged(driver, live):
     driver.js(PAD)
     driver.js("gamePad.axes[1] = -1")
     until(lambda: command(live) == [0.5, 0, 0])  # half of the command at full stick
@@ -66,7 +66,7 @@ def test_a_game_pad_drives_beyond_its_dead_zone_and_lets_go_when_it_is_unplugged
     assert command(live) == [0, 0, 0]
 
 
-def test_the_second_button_of_a_game_pad_stops_without_the_wheel(tab, live):
+def test_the_second_game_pad_button_stops_without_the_lease(tab, live):
     open_page(tab, live)
     tab.js(PAD)
     tab.js("gamePad.buttons[0].pressed = true")
@@ -79,7 +79,7 @@ def test_the_second_button_of_a_game_pad_stops_without_the_wheel(tab, live):
     assert not live.words("take")
 
 
-def test_pause_go_on_mark_and_end(driver, live):
+def test_the_buttons_pause_continue_mark_and_end_work(driver, live):
     button = "[...document.querySelectorAll('.drive .action')].find((one) => one.code === 'Key{}')"
     driver.js(f"{button.format('M')}.click()")
     until(lambda: live.words("mark"))
@@ -94,7 +94,7 @@ def test_pause_go_on_mark_and_end(driver, live):
     assert [len(live.words(word)) for word in ("mark", "pause", "end")] == [1, 1, 1]
 
 
-def test_the_pace_is_a_slider_that_stands_where_the_drive_is(tab):
+def test_the_pace_slider_shows_the_pace_of_the_drive(tab):
     with ScriptedServer("live") as live:
         live.pace = 4.0  # as in the demo
         open_page(tab, live)
@@ -114,8 +114,8 @@ def breaker(kind: str) -> str:
 
 
 @pytest.mark.parametrize(("kind", "choice", "fields"), FAULTS)
-def test_each_button_writes_its_fault_into_the_ledger_and_ends_it(breaking, live, kind, choice, fields):
-    """The script refuses, as the service does, a fault that the package does not know."""
+def test_each_fault_button_logs_and_ends_its_fault(breaking, live, kind, choice, fields):
+    """The script refuses an unknown fault, as the service does."""
     if choice is not None:
         breaking.js(f"{breaker(kind)}.node.querySelector('select').selectedIndex = {choice}")
     breaking.js(f"{breaker(kind)}.button.click()")
@@ -128,7 +128,7 @@ def test_each_button_writes_its_fault_into_the_ledger_and_ends_it(breaking, live
     breaking.wait(f"{LAST}.over && {breaker(kind)}.button.getAttribute('aria-checked') === 'false'")
 
 
-def test_the_floor_is_tilted_by_keys_and_made_level_again(breaking, live):
+def test_the_floor_is_tilted_and_levelled_by_keys(breaking, live):
     breaking.js("document.querySelector('.tilt .pad').focus()")
     for key in ("ArrowUp", "ArrowRight"):
         breaking.press(key)
@@ -141,7 +141,7 @@ def test_the_floor_is_tilted_by_keys_and_made_level_again(breaking, live):
     breaking.wait(f"{PAGE}.ledger.length === 3 && {LAST}.fault.x === 0 && {LAST}.fault.y === 0")
 
 
-def test_a_push_by_keys_one_tick_and_the_paces_of_faults(breaking, live):
+def test_keys_give_a_push_a_single_tick_and_a_pace(breaking, live):
     breaking.press("ArrowLeft", shift=True)
     breaking.wait(f"{LAST}?.fault.kind === 'push'")
     assert breaking.js(f"[{LAST}.fault.x, {LAST}.fault.y, {LAST}.fault.frame]") == [-0.2, 0, "map"]
@@ -155,7 +155,7 @@ def test_a_push_by_keys_one_tick_and_the_paces_of_faults(breaking, live):
     assert live.words("again")[0]["without"] == [1]
 
 
-def test_without_the_wheel_nothing_is_broken(tab, live):
+def test_a_fault_button_has_no_effect_without_the_lease(tab, live):
     open_page(tab, live, screen="faults")
     tab.js(f"{breaker('cut')}.button.click()")
     tab.wait("document.getElementById('toast').classList.contains('shown')")
@@ -163,7 +163,7 @@ def test_without_the_wheel_nothing_is_broken(tab, live):
 
 
 @pytest.mark.parametrize(("language", "words"), [("en", "open Wi-Fi"), ("es", "Wi-Fi abierta")])
-def test_a_shared_page_says_its_risk(tab, language, words):
+def test_a_shared_page_shows_its_risk(tab, language, words):
     with ScriptedServer("live") as live:
         live.shared = True
         open_page(tab, live, language)

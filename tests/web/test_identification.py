@@ -1,4 +1,5 @@
-"""What a drive has taught so far: hollow from the guess, filled by a real fit, each second, in a worker of its own."""
+"""The identification of a running drive: predicted from the guess, then from a real fit, each second, in its own
+worker."""
 
 import asyncio
 import json
@@ -47,7 +48,7 @@ def rows_of(run):
 
 
 def fitted(drive, seconds=60.0):
-    """Ask until a fit has come."""
+    """Repeat the request until a fit is available."""
     end = time.monotonic() + seconds
     while (state := drive.state())["fit"] is None:
         assert time.monotonic() < end, "no fit came"
@@ -55,7 +56,7 @@ def fitted(drive, seconds=60.0):
     return state
 
 
-def test_before_8_s_errors_are_those_that_the_guess_expects(driven_runs):
+def test_before_8_s_the_errors_are_those_predicted_by_the_guess(driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -72,7 +73,7 @@ def test_before_8_s_errors_are_those_that_the_guess_expects(driven_runs):
     drive.close()
 
 
-def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven_runs):
+def test_a_fit_replaces_the_bars_with_values_near_the_truth(driven_runs):
     guess, small, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -90,7 +91,7 @@ def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven_runs):
     drive.close()
 
 
-def test_a_fit_that_takes_long_makes_the_next_come_later(driven_runs, monkeypatch):
+def test_a_slow_fit_delays_the_next_fit(driven_runs, monkeypatch):
     guess, _, run = driven_runs
     began = []
 
@@ -116,7 +117,7 @@ def test_a_fit_that_takes_long_makes_the_next_come_later(driven_runs, monkeypatc
     drive.close()
 
 
-def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven_runs):
+def test_without_a_compiler_the_period_of_fits_is_15_s(driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess, "python")
@@ -130,7 +131,7 @@ def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven_runs):
     drive.close()
 
 
-def test_ticks_that_never_came_are_driven_but_measure_nothing(driven_runs):
+def test_missing_ticks_are_simulated_without_measurements(driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     whole, gap = DriveIdentification(guess), DriveIdentification(guess)
@@ -149,7 +150,7 @@ def test_ticks_that_never_came_are_driven_but_measure_nothing(driven_runs):
     assert gap.seconds == 1.0
 
 
-def test_every_parameter_of_the_garage_has_a_name_for_people():
+def test_every_parameter_of_the_garage_has_a_readable_label():
     for name in ("small", "car", "case-study-1"):
         drive = DriveIdentification(load(name), "numpy")
         labels = [label_of(parameter) for parameter in drive._free]
@@ -164,7 +165,7 @@ class Sledge(FromAcceleration):
     glide: float = parameter("1/s", "drag on snow", default=2.0)
 
 
-def test_a_users_own_parameter_is_called_as_its_class_calls_it():
+def test_a_user_parameter_is_labelled_by_its_metadata():
     blocks = FittedBlocks(Sledge(), load("small").sensors)
     names = {key: label_of(described(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
     assert {key: note.figures["meaning"] for key, note in names.items()} == {
@@ -173,7 +174,7 @@ def test_a_users_own_parameter_is_called_as_its_class_calls_it():
     }
 
 
-def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, driven_runs):
+def test_a_page_shows_identification_while_answering_other_requests(tmp_path, driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     path = tmp_path / "guess.toml"
@@ -198,7 +199,7 @@ def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, 
                 await second.say("ask", id=7, what="ping")
                 assert (await second.next("answer", "identify"))[
                     "is"
-                ] == "answer"  # who does not look hears nothing
+                ] == "answer"  # a browser on another screen receives nothing
                 await visitor.say("identify", on=False)
                 await until(lambda: not live.identifying._looking)
                 link.on_word({"is": "frame", "x": [[None] * len(names)]})
@@ -206,7 +207,7 @@ def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, 
     run_page(job)
 
 
-def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven_runs):
+def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven_runs):
     _, _, run = driven_runs
     folder = tmp_path / "runs"
     folder.mkdir()
@@ -229,7 +230,7 @@ def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven_runs):
     run_page(job)
 
 
-def test_a_drive_that_cannot_be_fitted_says_why(tmp_path):
+def test_a_drive_that_cannot_be_fitted_reports_its_reason(tmp_path):
     guess = load("small")
     drive = DriveIdentification(guess)
     names = ["t", "u.0", "u.1", "u.2", "z.imu[0]", "z.imu[1]", "z.imu[2]"]
@@ -254,7 +255,7 @@ def test_the_page_process_loads_no_numpy():
     run_page(job)
 
 
-def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven_runs, monkeypatch):
+def test_a_vehicle_at_rest_is_not_fitted_repeatedly(driven_runs, monkeypatch):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -272,7 +273,7 @@ def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven_runs, monkey
     drive.close()
 
 
-def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive(tmp_path, driven_runs):
+def test_a_changed_vehicle_file_is_read_again_for_the_next_drive(tmp_path, driven_runs):
     guess, small, run = driven_runs
     names, rows = rows_of(run)
     path, drives = tmp_path / "own.toml", Drives()

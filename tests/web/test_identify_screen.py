@@ -20,7 +20,7 @@ def kinds(tab) -> set[str]:
     )
 
 
-def test_bars_are_hollow_until_a_fit_and_shrink_while_it_drives(tab, live):
+def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     open_page(tab, live, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
     word = fit_taught("en", live=True)
@@ -41,7 +41,7 @@ def test_bars_are_hollow_until_a_fit_and_shrink_while_it_drives(tab, live):
     until(lambda: kinds(tab) == {"hollow"})  # a fit that is refused fills nothing
 
 
-def test_the_page_says_when_somebody_looks_and_when_no_more(tab, live):
+def test_the_page_reports_when_the_identify_screen_opens_or_closes(tab, live):
     open_page(tab, live)
     assert not live.words("identify")
     tab.press("2", "Digit2", "2")
@@ -50,7 +50,7 @@ def test_the_page_says_when_somebody_looks_and_when_no_more(tab, live):
     until(lambda: [word["on"] for word in live.words("identify")] == [True, False])
 
 
-def test_an_experiment_begins_from_the_screen_that_shows_it(tab, live):
+def test_an_experiment_can_be_started_from_the_identify_screen(tab, live):
     live.state, live.kind = "READY", None
     open_page(tab, live, screen="identify")
     assert tab.js("document.querySelector('.next-card button').disabled")
@@ -60,7 +60,7 @@ def test_an_experiment_begins_from_the_screen_that_shows_it(tab, live):
     assert until(lambda: live.words("mission"))[-1] == {"is": "mission", "kind": "experiment", "seconds": 60}
 
 
-def test_what_a_run_taught_is_scrubbed(tab, replay):
+def test_identification_of_a_run_follows_the_scrub_bar(tab, replay):
     open_page(tab, replay, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
     bits = "Number(document.querySelector('.identify .numbers b').textContent)"
@@ -79,14 +79,14 @@ def test_what_a_run_taught_is_scrubbed(tab, replay):
     until(lambda: tab.js(f"{PAGE}.screens.replay.now_s") > 0.3)
 
 
-def test_reduced_motion_moves_no_bar_by_itself(tab, live):
+def test_with_reduced_motion_bars_are_not_animated(tab, live):
     tab.media(prefers_reduced_motion="reduce")
     open_page(tab, live, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
     assert tab.js("getComputedStyle(document.querySelector('.knowns .bar')).transitionDuration") == "0s"
 
 
-def test_the_path_is_painted_by_what_it_taught(tab, live):
+def test_the_path_is_coloured_by_its_information(tab, live):
     open_page(tab, live, screen="identify")
     tab.wait(f"Boolean({PAGE}.screens.identify.word)")
     time.sleep(0.2)
@@ -114,7 +114,7 @@ def title(tab) -> str:
     return tab.js("document.getElementById('title').textContent")
 
 
-def test_a_demo_leads_from_screen_to_screen_until_somebody_chooses_one(tab, live):
+def test_a_demo_changes_screens_until_the_user_chooses_a_screen(tab, live):
     open_page(tab, live)
     for scene, screen in (
         ({"screen": "identify"}, "identify"),
@@ -133,7 +133,7 @@ def test_a_demo_leads_from_screen_to_screen_until_somebody_chooses_one(tab, live
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_scene_of_the_gains_is_whole(tab, live, size):
+def test_the_tuning_scene_has_no_layout_fault(tab, live, size):
     tab.size(*SIZES[size])
     open_page(tab, live, "es")
     live.put(live._state("es") | {"scene": SCENE})

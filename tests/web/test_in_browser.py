@@ -46,7 +46,7 @@ def test_a_run_and_its_ghost_are_shown(chromium, tmp_path):
         tab.close()
 
 
-def test_a_vehicle_is_taken_driven_and_stopped(chromium, tmp_path):
+def test_a_user_takes_drives_and_stops_a_vehicle(chromium, tmp_path):
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
         env={**os.environ, "BAQUEANO_BACKEND": "python"},
@@ -86,7 +86,7 @@ def repeating(tab, true):
         time.sleep(0.7)
 
 
-def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_path):
+def test_gains_are_tuned_applied_and_restored_during_a_repetition(chromium, tmp_path):
     """On the simulated service itself: the run holds what was set."""
     from baqueano.guides.shapes import circle
     from baqueano.runs import read_run
@@ -135,7 +135,7 @@ class MyEkf(AugmentedEkf):
 """
 
 
-def test_a_block_of_the_folder_is_swapped_in_and_drives(chromium, tmp_path):
+def test_a_block_of_the_folder_replaces_a_block_and_drives(chromium, tmp_path):
     from baqueano.guides.shapes import circle
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
@@ -167,7 +167,7 @@ def test_a_block_of_the_folder_is_swapped_in_and_drives(chromium, tmp_path):
     assert [e.diagnostic.figures["kind"] for e in run.events if e.source == "swap"] == ["mine.py:MyLaw"]
 
 
-def test_the_same_data_goes_through_another_filter(chromium, tmp_path):
+def test_a_run_is_replayed_through_another_filter_in_the_browser(chromium, tmp_path):
     from baqueano.drive import repeat
     from baqueano.guides.shapes import circle
     from baqueano.runs import write_run
@@ -189,7 +189,7 @@ def test_the_same_data_goes_through_another_filter(chromium, tmp_path):
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4", START_S)
 
 
-def test_a_route_is_taught_repeated_scrubbed_and_the_tab_lost_and_come_back_to(chromium, tmp_path):
+def test_a_route_is_taught_repeated_and_scrubbed_with_a_reopened_tab(chromium, tmp_path):
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
         env={**os.environ, "BAQUEANO_BACKEND": "python"},

@@ -35,7 +35,7 @@ def test_rt13_a_lease_ends_300_ms_after_the_last_beat():
     assert not lease.beat("ana", 2, 0.0)
 
 
-def test_rt13_ne4_who_looks_at_a_frozen_picture_loses_the_vehicle():
+def test_rt13_ne4_a_driver_with_a_frozen_picture_loses_the_lease():
     clock, lease = lease_of()
     for k in range(1, 11):
         clock.s = 0.05 * k
@@ -45,14 +45,14 @@ def test_rt13_ne4_who_looks_at_a_frozen_picture_loses_the_vehicle():
     assert lease.holder is None
 
 
-def test_rt13_a_slow_way_is_allowed_for():
+def test_rt13_the_lease_allows_for_a_slow_connection():
     _, lease = lease_of()
     assert not lease.beat("ana", 1, age_s=0.4)
     assert lease.beat("ana", 2, age_s=0.4, way_s=0.15)
     assert not lease.beat("ana", 3, age_s=float("nan"), way_s=0.15)
 
 
-def test_rt14_a_second_driver_is_reported_who_drives_and_may_be_given_the_vehicle():
+def test_rt14_a_second_driver_is_refused_until_the_vehicle_is_handed_over():
     _, lease = lease_of()
     with pytest.raises(SafetyStop) as error:
         lease.take("luis", "luis")
@@ -63,8 +63,8 @@ def test_rt14_a_second_driver_is_reported_who_drives_and_may_be_given_the_vehicl
     assert lease.holder == "luis"
     lease.give("luis")
     lease.take("ana", "ana")
-    assert not lease.left("luis")
-    assert lease.left("ana")
+    assert not lease.on_disconnect("luis")
+    assert lease.on_disconnect("ana")
     assert lease.holder is None
 
 
@@ -98,7 +98,7 @@ def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
             last = clock.s if counts else last
             counted_drivers += [driver] if counts else []
         elif word == "left":
-            lease.left(driver)
+            lease.on_disconnect(driver)
             holder = None if holder == driver else holder
         elif holder == driver:
             lease.give(driver)

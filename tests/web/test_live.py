@@ -1,4 +1,4 @@
-"""A vehicle on the page: who is handed on to it, who is shown it, and in which words."""
+"""A vehicle on the page: the forwarded commands, the viewers, and the texts."""
 
 import asyncio
 import math
@@ -15,7 +15,7 @@ from tests.web.fake_vehicle import COLUMNS, VEHICLE, live_page, until
 from tests.web.page_client import WAIT_S, browser, run_page
 
 
-def test_hello_says_what_there_is_to_see(tmp_path):
+def test_the_hello_message_describes_vehicle_routes_and_fields(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _):
             assert link.messages[0] == {"do": "watch", "hz": 20.0}
@@ -33,7 +33,7 @@ def test_hello_says_what_there_is_to_see(tmp_path):
     run_page(job)
 
 
-def test_who_comes_late_gets_the_last_minute(tmp_path):
+def test_a_late_browser_receives_the_last_minute(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live):
             for k in range(80):
@@ -54,7 +54,7 @@ def test_who_comes_late_gets_the_last_minute(tmp_path):
 
 
 async def until_frames(visitor, count):
-    """Hear until so many frames have come."""
+    """Receive until this many frames have arrived."""
     async with asyncio.timeout(WAIT_S):
         while len(visitor.frames) < count:
             data = await visitor.line.recv()
@@ -86,7 +86,7 @@ def test_the_mean_of_a_column_is_over_the_last_seconds():
     assert feed.mean("battery", 9.0)[1] == 0
 
 
-def test_the_page_hands_on_each_beat_of_the_driver_and_makes_none(tmp_path):
+def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_path):
     async def job():
         page = live_page(tmp_path)
         async with (
@@ -111,7 +111,7 @@ def test_the_page_hands_on_each_beat_of_the_driver_and_makes_none(tmp_path):
     run_page(job)
 
 
-def test_a_driver_with_a_frozen_picture_is_not_handed_on(tmp_path):
+def test_heartbeats_of_a_driver_with_a_frozen_picture_are_not_forwarded(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live), browser(server) as ana:
             await ana.say("take")
@@ -128,7 +128,7 @@ def test_a_driver_with_a_frozen_picture_is_not_handed_on(tmp_path):
 
 
 @pytest.mark.parametrize("u", [[1e400], ["a"], None, 3, [float("nan")], [0.0] * 9, [True], [None]])
-def test_a_beat_that_is_not_a_command_is_refused(tmp_path, u):
+def test_a_heartbeat_with_an_invalid_command_is_refused(tmp_path, u):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
             await ana.say("take")
@@ -174,7 +174,7 @@ MOVING = (
 )  # fmt: skip
 
 
-def test_nothing_that_moves_the_vehicle_is_done_without_the_lease(tmp_path):
+def test_moving_the_vehicle_needs_the_lease(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana, browser(server) as luis:
             before = len(link.messages)
@@ -191,7 +191,7 @@ def test_nothing_that_moves_the_vehicle_is_done_without_the_lease(tmp_path):
     run_page(job)
 
 
-def test_missions_are_asked_for_by_name_alone(tmp_path):
+def test_missions_are_requested_only_by_name(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
             await ana.say("take")
@@ -251,7 +251,7 @@ def test_the_vehicle_is_handed_over_by_name(tmp_path):
     run_page(job)
 
 
-def test_a_browser_that_goes_takes_its_lease_with_it(tmp_path):
+def test_a_disconnected_browser_releases_its_lease(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live):
             async with browser(server) as ana:
@@ -265,7 +265,7 @@ def test_a_browser_that_goes_takes_its_lease_with_it(tmp_path):
     run_page(job)
 
 
-def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
+def test_the_status_sentence_reports_task_quality_and_anomalies(tmp_path):
     async def job():
         page = live_page(tmp_path)
         async with page as (server, link, _), browser(server, "es") as uno, browser(server, "en") as english:
@@ -301,7 +301,7 @@ def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
     run_page(job)
 
 
-def test_another_vehicle_is_reported_by_another_hello(tmp_path):
+def test_a_change_of_vehicle_sends_a_new_hello_message(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as visitor:
             link.on_word(VEHICLE | {"name": "car"})
@@ -313,7 +313,7 @@ def test_another_vehicle_is_reported_by_another_hello(tmp_path):
     run_page(job)
 
 
-def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
+def test_a_browser_that_does_not_read_does_not_delay_others(tmp_path):
     async def job():
         page = live_page(tmp_path)
         async with page as (server, link, live), browser(server) as stalled, browser(server) as visitor:
@@ -333,7 +333,7 @@ def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
     run_page(job)
 
 
-def test_a_service_that_ends_is_reported_to_everybody(tmp_path):
+def test_the_end_of_the_service_is_reported_to_all_browsers(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live), browser(server) as visitor:
             link.gone = True
@@ -348,7 +348,7 @@ def test_a_service_that_ends_is_reported_to_everybody(tmp_path):
     run_page(job)
 
 
-def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
+def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
     from baqueano.drive.mission import Mission
     from baqueano.guides.shapes import sinuous_circle
     from baqueano.runs.route_file import write_route
@@ -378,7 +378,7 @@ def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
 
 
 async def drive_page(visitor, link, kind, **more):
-    """Ask for a mission, and beat until it is packed."""
+    """Request a mission, and send heartbeats until it is packed."""
     before, n = len(link.requests("mission")), 0
     await visitor.say("take")
     await visitor.say("mission", kind=kind, **more)

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo a
 
 
 @pytest.mark.parametrize("screen", LIVE)
-def test_space_stops_on_every_screen_without_the_lease(tab, live, screen):
+def test_the_space_bar_stops_on_every_screen_without_the_lease(tab, live, screen):
     open_page(tab, live, screen=screen)
     tab.press(" ", "Space", " ")
     until(lambda: live.words("stop"))
@@ -22,7 +22,7 @@ def test_space_stops_on_every_screen_without_the_lease(tab, live, screen):
     assert not live.words("take")
 
 
-def test_space_on_a_button_stops_and_does_not_press_it(tab, live):
+def test_the_space_bar_on_a_button_stops_without_a_click(tab, live):
     open_page(tab, live)
     tab.js("document.getElementById('lease').focus()")
     tab.press(" ", "Space", " ")
@@ -30,7 +30,7 @@ def test_space_on_a_button_stops_and_does_not_press_it(tab, live):
     assert not live.words("take")
 
 
-def test_a_touch_of_the_stop_is_enough_and_it_stands_at_the_same_place(tab, live):
+def test_pressing_the_stop_button_stops_before_release(tab, live):
     places = set()
     open_page(tab, live)
     for screen in LIVE:
@@ -48,7 +48,7 @@ def test_a_recorded_run_shows_no_stop(tab, replay):
     assert tab.js("document.getElementById('stop').hidden")
 
 
-def test_keys_drive_while_held_and_beats_name_the_frame_drawn(tab, live):
+def test_keys_drive_while_pressed_and_heartbeats_name_the_drawn_frame(tab, live):
     live.state, live.kind = "MANUAL", "drive"
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
@@ -66,7 +66,7 @@ def test_keys_drive_while_held_and_beats_name_the_frame_drawn(tab, live):
     until(lambda: live.words("beat")[-1]["seen"] > frames[0])
 
 
-def test_a_frozen_picture_is_not_claimed_as_new(tab, live):
+def test_heartbeats_do_not_claim_a_frozen_picture_as_new(tab, live):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
@@ -78,7 +78,7 @@ def test_a_frozen_picture_is_not_claimed_as_new(tab, live):
     tab.wait("!document.getElementById('age').hidden")
 
 
-def test_without_the_lease_keys_drive_nothing(tab, live):
+def test_without_the_lease_keys_do_not_drive(tab, live):
     open_page(tab, live)
     tab.press("w", "KeyW", "w", hold_s=0.3)
     assert not live.words("beat")
@@ -87,7 +87,7 @@ def test_without_the_lease_keys_drive_nothing(tab, live):
 @pytest.mark.parametrize(
     "leaves", ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]
 )
-def test_who_leaves_with_a_key_held_stands_still_and_gives(tab, live, leaves):
+def test_leaving_the_page_with_a_pressed_key_stops_and_releases(tab, live, leaves):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
@@ -99,7 +99,7 @@ def test_who_leaves_with_a_key_held_stands_still_and_gives(tab, live, leaves):
     tab.up("w", "KeyW")
 
 
-def test_the_pad_drives_and_springs_back(tab, live):
+def test_the_pad_drives_and_returns_to_zero(tab, live):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
@@ -112,7 +112,7 @@ def test_the_pad_drives_and_springs_back(tab, live):
     assert not live.words("give")
 
 
-def test_a_mission_is_asked_for_by_its_name(tab, live):
+def test_a_mission_is_requested_by_its_name(tab, live):
     live.state, live.kind = "READY", ""
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
@@ -122,7 +122,7 @@ def test_a_mission_is_asked_for_by_its_name(tab, live):
     assert live.words("mission") == [{"is": "mission", "kind": "repeat", "route": "lab", "laps": 3}]
 
 
-def test_a_real_vehicle_wants_a_hold(tab):
+def test_a_mission_of_a_real_vehicle_needs_a_long_key_press(tab):
     with ScriptedServer("live", world="real") as live:
         live.state, live.kind = "READY", ""
         open_page(tab, live)
@@ -135,7 +135,7 @@ def test_a_real_vehicle_wants_a_hold(tab):
         until(lambda: live.words("mission"))
 
 
-def test_a_lost_connection_is_reported_and_mended(tab, live):
+def test_a_lost_connection_is_reported_and_restored(tab, live):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")
@@ -145,7 +145,7 @@ def test_a_lost_connection_is_reported_and_mended(tab, live):
     tab.wait("document.getElementById('title').textContent === 'REPEATING'")
 
 
-def test_the_scrub_bar_by_pointer_and_by_keys(tab, replay):
+def test_the_scrub_bar_works_by_pointer_and_by_keys(tab, replay):
     open_page(tab, replay)
     at = "Number(document.querySelector('.scrub').getAttribute('aria-valuenow'))"
     x, y = tab.middle(".scrub")
@@ -166,7 +166,7 @@ def test_the_scrub_bar_by_pointer_and_by_keys(tab, replay):
     tab.wait(f"{at} > 41.5")
 
 
-def test_a_run_plays_at_the_pace_that_is_asked_for(tab, replay):
+def test_a_run_plays_at_the_selected_pace(tab, replay):
     open_page(tab, replay)
     for _ in range(2):
         tab.press("]", "BracketRight", "]")
@@ -180,7 +180,7 @@ def test_a_run_plays_at_the_pace_that_is_asked_for(tab, replay):
     assert tab.js(f"{PAGE}.screens.replay.now_s") == time_s
 
 
-def test_the_vehicle_stands_where_the_row_says(tab, replay):
+def test_the_vehicle_is_drawn_at_the_pose_of_the_row(tab, replay):
     open_page(tab, replay)
     tab.js(f"{PAGE}.screens.replay.seek(20)")
     time.sleep(0.3)
@@ -204,7 +204,7 @@ def test_a_ghost_is_paired_by_distance_or_by_time(tab):
         tab.wait(f"{PAGE}.screens.replay.pairs.map[2000] === 2000")
 
 
-def test_what_others_named_is_text(tab):
+def test_names_from_other_programs_are_shown_as_text(tab):
     hostile = "<img src=x onerror=alert(1)>"
     with ScriptedServer("live", name=hostile) as server:
         open_page(tab, server)
@@ -226,14 +226,14 @@ def test_language_and_theme_change_in_place(tab, live):
     tab.js("localStorage.clear()")
 
 
-def test_the_token_leaves_the_address(tab, live):
+def test_the_token_is_removed_from_the_address_bar(tab, live):
     tab.goto(f"{live.url}?lang=en#token=secret")
     tab.wait(READY)
     assert tab.js("location.href").endswith("?lang=en")
     tab.js("sessionStorage.clear()")
 
 
-def test_a_picture_of_eight_strips_and_the_map_costs_little(tab, live):
+def test_drawing_eight_plots_and_the_map_is_fast(tab, live):
     """The best of many: other work of this machine is not the page's."""
     open_page(tab, live)
     tab.js(f"{PAGE}.screen.span = 60")

@@ -1,5 +1,5 @@
-"""--page of the verbs that drive: a browser sees the drive while it happens, may stop it, and has the wheel of `drive`;
-the verb ends as it does without a page, and leaves no process behind."""
+"""The --page option of the driving commands: a browser shows the drive, may stop it, and may steer `drive`; the command
+ends as without a page, and no process remains."""
 
 import asyncio
 import os
@@ -87,7 +87,7 @@ def alive(pid):
         return False
 
 
-def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
+def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
     for folder in ("with", "without"):
         (tmp_path / folder).mkdir()
     with program("baqueano", "experiment", *TWO_S, "--page", cwd=tmp_path / "with", env=PLAIN) as verb:
@@ -113,7 +113,7 @@ def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
     assert read_run(tmp_path / "with" / "run.mcap") == read_run(tmp_path / "without" / "run.mcap")
 
 
-def test_a_lesson_with_a_page_is_seen_and_its_route_is_stored(tmp_path):
+def test_a_lesson_with_a_page_is_displayed_and_its_route_is_stored(tmp_path):
     ring = ("--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
     with program("baqueano", "teach", "ring", *ring, "--page", cwd=tmp_path, env=PLAIN) as verb:
         port = port_of(verb)
@@ -130,7 +130,7 @@ def test_a_lesson_with_a_page_is_seen_and_its_route_is_stored(tmp_path):
     assert read_route(tmp_path / "routes" / "ring.csv").closed
 
 
-def test_a_stop_on_the_page_ends_the_verb_as_a_stop_does(tmp_path):
+def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
     with program(
         "baqueano", "experiment", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
     ) as verb:
@@ -153,7 +153,7 @@ def test_a_stop_on_the_page_ends_the_verb_as_a_stop_does(tmp_path):
     assert reason.figures["words"] == "eva"
 
 
-def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
+def test_ctrl_c_or_death_of_the_command_leaves_no_process(tmp_path):
     for signal_number, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
         with program(
             "baqueano", "experiment", "--vehicle", "small", "--page", cwd=tmp_path, env=PLAIN
@@ -213,7 +213,7 @@ async def ahead(visitor):
         await asyncio.sleep(0.04)
 
 
-def test_the_page_of_drive_has_the_wheel_and_ends_the_drive(tmp_path):
+def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
     with program(
         "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
     ) as verb:
@@ -233,7 +233,7 @@ def test_the_page_of_drive_has_the_wheel_and_ends_the_drive(tmp_path):
 
 
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, signal_number):
+def test_rt13_the_death_of_the_drive_page_stops_the_drive(tmp_path, signal_number):
     with program(
         "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
     ) as verb:
@@ -253,7 +253,7 @@ def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, signal_number):
     assert not run.applied[-1].any()
 
 
-def test_a_robot_is_shown_and_stopped_on_the_page_of_a_verb(tmp_path):
+def test_a_robot_is_shown_and_stopped_on_the_page_of_a_command(tmp_path):
     path = tmp_path / "door"
     with program(
         "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
@@ -282,7 +282,7 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_verb(tmp_path):
     assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_BY
 
 
-def test_the_page_of_drive_drives_a_robot(tmp_path):
+def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
     path = tmp_path / "door"
     with program(
         "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
@@ -294,7 +294,7 @@ def test_the_page_of_drive_drives_a_robot(tmp_path):
         port = port_of(verb)
 
         async def silent(visitor):
-            """Stand there and say nothing, as a hidden tab does: the caller ends the beats."""
+            """Stay connected and send nothing, as a hidden tab does: the caller ends the heartbeats."""
 
         run_page(lambda: at_the_wheel(port, silent))
         assert exit_code_of(verb) == 5
@@ -324,7 +324,7 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
 
 
 @needs_browser
-def test_a_repetition_is_seen_and_stopped_in_a_browser_and_replayed_beside_its_ghost(tmp_path):
+def test_a_repetition_is_shown_stopped_and_replayed_in_a_browser(tmp_path):
     (tmp_path / "routes").mkdir()
     write_route(circle(0.4, 0.25), tmp_path / "routes" / "ring.csv")
     with Chromium() as chromium:
@@ -348,7 +348,7 @@ def test_a_repetition_is_seen_and_stopped_in_a_browser_and_replayed_beside_its_g
             assert exit_code_of(verb) == 5
             tab.wait("baqueano.page.state.state === 'OVER'", START_S)
             time.sleep(1.0)
-            assert not tab.js("baqueano.page.link.tries")  # nobody knocks at a door that has gone
+            assert not tab.js("baqueano.page.link.tries")  # no client connects to a closed door
             assert not tab.errors
             tab.close()
         with program("baqueano", "replay", "last", "--page", cwd=tmp_path, env=PLAIN) as verb:

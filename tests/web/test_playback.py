@@ -49,7 +49,7 @@ def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
     run_page(job)
 
 
-def test_a_stop_and_a_pause_hold_it_and_the_pace_changes(tmp_path):
+def test_playback_can_be_stopped_paused_and_paced(tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive())
 
     async def job():
@@ -79,7 +79,7 @@ def test_a_stop_and_a_pause_hold_it_and_the_pace_changes(tmp_path):
     run_page(job)
 
 
-def test_nobody_is_waited_for_twice(tmp_path, monkeypatch):
+def test_playback_waits_for_a_viewer_only_once(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
     folder = folder_of(tmp_path / "runs", circle=drive())
@@ -97,7 +97,7 @@ def test_nobody_is_waited_for_twice(tmp_path, monkeypatch):
     run_page(job)
 
 
-def test_lines_that_are_none_are_left_out():
+def test_invalid_lines_are_ignored():
     message = note("web.demo-done", verdict="USABLE")
     lines = [
         b"no\n",
@@ -128,7 +128,7 @@ def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
     assert not share.display()
 
 
-def test_a_page_that_has_gone_does_not_end_the_work():
+def test_a_closed_page_does_not_end_the_work():
     class Gone:
         stdin = io.BytesIO()
 
@@ -136,7 +136,7 @@ def test_a_page_that_has_gone_does_not_end_the_work():
     PageOfDrives(Gone()).say(note("web.demo-done", verdict="USABLE"))
 
 
-def test_scenes_lead_from_the_vehicle_to_what_is_known_and_to_the_gains(tmp_path, monkeypatch):
+def test_scenes_show_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
     for name, seconds in (("LOOKS_S", 0.1), ("STAYS_S", 0.2), ("TUNED_S", 0.2)):
@@ -160,7 +160,7 @@ def test_scenes_lead_from_the_vehicle_to_what_is_known_and_to_the_gains(tmp_path
     run_page(job)
 
 
-def test_what_was_tuned_is_reported_in_plain_numbers():
+def test_tuned_gains_are_sent_as_plain_numbers():
     pipe = io.BytesIO()
     pipe.flush = lambda: None
 

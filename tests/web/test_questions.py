@@ -52,7 +52,7 @@ def serve_job(folder, job):
     run_page(whole)
 
 
-def test_gains_come_with_unit_meaning_and_range_and_a_lap_with_its_figures(folder):
+def test_gains_have_unit_meaning_and_range_and_a_lap_has_figures(folder):
     async def job(visitor):
         about = await visitor.ask("tune")
         assert [gain["name"] for gain in about["gains"]] == ["k_i", "k_x", "k_chi", "join_m"]
@@ -68,7 +68,7 @@ def test_gains_come_with_unit_meaning_and_range_and_a_lap_with_its_figures(folde
     serve_job(folder, job)
 
 
-def test_a_landscape_is_lowest_where_a_descent_ends(folder):
+def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
     async def job(visitor):
         about = await visitor.ask("tune", route="circle")
         own, low, high = ([gain[key] for gain in about["gains"]] for key in ("file", "low", "high"))
@@ -85,7 +85,7 @@ def test_a_landscape_is_lowest_where_a_descent_ends(folder):
     serve_job(folder, job)
 
 
-def test_the_newest_question_replaces_the_one_before(folder):
+def test_the_newest_request_replaces_the_previous_request(folder):
     async def job(visitor):
         own = [gain["file"] for gain in (await visitor.ask("tune"))["gains"]]
         more = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
@@ -102,7 +102,7 @@ def test_the_newest_question_replaces_the_one_before(folder):
 
 
 @pytest.mark.parametrize("gains", [[1.0], ["x", 1, 1, 1], [1e999, 1, 1, 1], None, {"a": 1}])
-def test_what_are_not_gains_is_refused(folder, gains):
+def test_invalid_gains_are_refused(folder, gains):
     async def job(visitor):
         assert (await visitor.ask("lap", gains=gains, route="run"))["code"] == "web.not-understood"
 
@@ -110,14 +110,14 @@ def test_what_are_not_gains_is_refused(folder, gains):
 
 
 @pytest.mark.parametrize("route", ["../runs/round", "none", "/etc/passwd"])
-def test_a_route_is_one_of_the_list(folder, route):
+def test_a_route_outside_the_list_is_refused(folder, route):
     async def job(visitor):
         assert (await visitor.ask("tune", route=route))["code"] == "door.no-route"
 
     serve_job(folder, job)
 
 
-def test_a_block_is_shown_with_text_parameters_and_cost_and_is_checked(folder):
+def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
     async def job(visitor):
         about = await visitor.ask("block", room="controller")
         assert about["kind"] == about["of_file"] == "pd_feedforward"
@@ -136,7 +136,7 @@ def test_a_block_is_shown_with_text_parameters_and_cost_and_is_checked(folder):
 
 
 @pytest.mark.parametrize("kind", ["os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"])
-def test_a_block_that_is_in_no_list_is_never_executed(folder, kind):
+def test_an_unlisted_block_is_never_executed(folder, kind):
     async def job(visitor):
         assert (await visitor.ask("block", room="estimator", kind=kind))["code"] == "web.no-kind"
         assert (await visitor.ask("check", room="estimator", kind=kind))["code"] == "web.no-kind"
@@ -146,7 +146,7 @@ def test_a_block_that_is_in_no_list_is_never_executed(folder, kind):
     serve_job(folder, job)
 
 
-def test_the_same_data_through_another_filter_is_a_second_set(folder, driven_folder):
+def test_a_replay_through_another_filter_is_a_second_data_set(folder, driven_folder):
     async def job(visitor):
         await visitor.say("open", run=visitor.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
         heads = [await visitor.next("answer", where=lambda word: word.get("done") is False) for _ in range(2)]
@@ -180,7 +180,7 @@ def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder
     serve_job(folder, job)
 
 
-def test_a_recorded_run_takes_no_swap_and_writes_nothing(folder):
+def test_a_recorded_run_refuses_block_changes_and_writing(folder):
     async def job(visitor):
         for word in ({"room": "controller", "kind": "lqr"}, {"gains": [1, 1, 1, 1]}):
             await visitor.say("swap" if "room" in word else "write", **word)
@@ -189,7 +189,7 @@ def test_a_recorded_run_takes_no_swap_and_writes_nothing(folder):
     serve_job(folder, job)
 
 
-def test_a_stop_does_not_wait_for_a_long_question(folder):
+def test_a_stop_does_not_wait_for_a_long_request(folder):
     async def job(visitor):
         own = [gain["file"] for gain in (await visitor.ask("tune"))["gains"]]
         await visitor.say(
@@ -202,7 +202,7 @@ def test_a_stop_does_not_wait_for_a_long_question(folder):
     serve_job(folder, job)
 
 
-def test_gains_are_written_into_a_file_of_ones_own_and_not_into_the_garage(tmp_path):
+def test_gains_are_written_to_a_user_file_but_not_to_the_garage(tmp_path):
     path = load("small").save(tmp_path / "vehicle.toml")
     bench = TuningBench()
     word = {"route": "circle", "gains": [0.25, 1.5, 6.0, 0.2]}

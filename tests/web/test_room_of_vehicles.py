@@ -68,7 +68,7 @@ def scanned(tmp_path, *more):
 
 
 @needs_namespace
-def test_ne1_ne8_no_port_is_open_to_a_network_and_the_page_needs_none(tmp_path):
+def test_ne1_ne8_no_port_is_open_and_the_page_needs_no_network(tmp_path):
     record = scanned(tmp_path)
     assert record["found"] == []
     assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F"}  # 127.0.0.1
@@ -82,7 +82,7 @@ def test_ne1_a_shared_page_opens_one_port_at_one_address(tmp_path):
     assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F", "01004D0A"}
 
 
-def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
+def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_path):
     async def job():
         async with AsyncExitStack() as room:
             pages = [await room.enter_async_context(live_page(tmp_path / str(k))) for k in range(VEHICLES)]
@@ -122,7 +122,7 @@ def test_ne9_twenty_vehicles_in_one_room_obey_their_own_driver_alone(tmp_path):
     run_page(job)
 
 
-def test_ne7_the_risk_of_a_shared_page_is_written_and_the_ssh_way_is_there():
+def test_ne7_the_documentation_explains_sharing_risk_and_ssh():
     for name, plain in (("page.md", "unencrypted"), ("es/page.md", "sin cifrar")):
         text = (Path(__file__).parents[2] / "docs" / name).read_text(encoding="utf-8")
         assert plain in text

@@ -24,7 +24,7 @@ needs_axe = pytest.mark.skipif(
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("kind", SEEN)
-def test_every_screen_is_whole(browser, kind, language):
+def test_no_screen_has_a_layout_fault(browser, kind, language):
     """No text cut, none over another, none faint, nothing beyond the edge."""
     wrong = {}
     for screen, tab in each_screen(browser, kind, language):
@@ -40,7 +40,7 @@ def test_every_screen_is_whole(browser, kind, language):
 
 @needs_axe
 @pytest.mark.parametrize("kind", SEEN)
-def test_axe_finds_no_violation_on_any_screen(browser, kind):
+def test_axe_reports_no_accessibility_violation_on_any_screen(browser, kind):
     rules, wrong, passes = AXE.read_text(encoding="utf-8"), {}, []
     for screen, tab in each_screen(browser, kind, "en"):
         tab.js(f"{rules}\ntrue")
@@ -63,7 +63,7 @@ def test_axe_finds_no_violation_on_any_screen(browser, kind):
         ("p.replaceWith(document.createElement('input'))", "nameless"),
     ],
 )
-def test_the_check_finds_what_it_is_for(tab, live, spoil, finds):
+def test_the_layout_check_detects_each_fault(tab, live, spoil, finds):
     open_page(tab, live, screen="runs")
     tab.js(
         "(() => { const p = document.createElement('p'); p.textContent = 'a text that stands in the way of another';"

@@ -152,8 +152,8 @@ def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal
         watcher.close()
 
 
-def test_rt13_a_browser_whose_packets_vanish_loses_the_vehicle_within_half_a_second(tmp_path):
-    """Neither end is told: no end of the connection, no error. Who watches through another line goes on."""
+def test_rt13_a_browser_without_network_loses_the_vehicle_within_half_a_second(tmp_path):
+    """Neither end is notified: no end of the connection, no error. A viewer on another connection continues."""
     path = tmp_path / "door"
     with before_others(), program(
         "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
@@ -175,7 +175,7 @@ def test_rt13_a_browser_whose_packets_vanish_loses_the_vehicle_within_half_a_sec
                     state, _ = await asyncio.to_thread(watcher.state, "STOPPED")
                     assert state["why"]["code"] == "operator.silent"
                     assert 300.0 <= state["why"]["figures"]["silent_ms"] <= 500.0
-                    assert not drives.done()  # nobody has told the browser
+                    assert not drives.done()  # the browser was not notified
                     drives.cancel()
                     await asyncio.gather(drives, return_exceptions=True)
 
@@ -188,7 +188,7 @@ def test_rt13_a_browser_whose_packets_vanish_loses_the_vehicle_within_half_a_sec
 
 
 class StoppedItself(Exception):
-    """Nobody has said stop."""
+    """The vehicle stopped although no client sent a stop."""
 
 
 async def expected(visitor, kind, matches):

@@ -31,7 +31,7 @@ def source() -> str:
 
 
 @pytest.mark.parametrize("path", sorted(STATIC.iterdir()), ids=lambda path: path.name)
-def test_a_file_names_no_address_elsewhere(path):
+def test_a_file_contains_no_external_address(path):
     addresses = set(re.findall(r"(?:https?|wss?)://[^\s\"'`<>)]*", path.read_text(encoding="utf-8")))
     assert {
         address for address in addresses if not address.endswith("://") and "${" not in address
@@ -39,12 +39,12 @@ def test_a_file_names_no_address_elsewhere(path):
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
-def test_text_from_outside_never_becomes_html(path):
+def test_external_text_never_becomes_html(path):
     assert not AS_HTML.search(path.read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
-def test_a_module_imports_what_stands_beside_it(path):
+def test_a_script_module_imports_only_existing_neighbours(path):
     for name in re.findall(r'from "([^"]+)"', path.read_text(encoding="utf-8")):
         assert name.startswith("./")
         assert (STATIC / name).is_file(), name
@@ -56,7 +56,7 @@ def test_the_scripts_are_small():
     assert sum(len(assets[f"/static/{path.name}"].packed) for path in SCRIPTS) <= WIRE_KB * 1000
 
 
-def test_the_document_holds_no_script_and_no_style_of_its_own():
+def test_the_html_document_contains_no_inline_script_or_style():
     document = (STATIC / "index.html").read_text(encoding="utf-8")
     assert not re.search(r"\sstyle=|\son\w+=|<style|<script(?![^>]*\ssrc=)", document)
     for address in re.findall(r'(?:src|href)="([^"]+)"', document):
@@ -72,7 +72,7 @@ def test_both_languages_have_the_same_texts_with_the_same_places_to_fill():
         assert bool(text) == bool(spanish[key]), key
 
 
-def test_every_text_that_is_asked_for_exists():
+def test_every_requested_text_exists():
     assert set(ASKED.findall(source())) <= set(texts("en"))
 
 
@@ -83,7 +83,7 @@ def test_every_text_is_used():
     assert not unused
 
 
-def test_spanish_differs_from_english_but_for_names():
+def test_spanish_texts_differ_from_english_except_names():
     english, spanish = texts("en"), texts("es")
     same = {key for key, text in english.items() if text and text == spanish[key]}
     assert same <= {
@@ -97,11 +97,11 @@ def test_spanish_differs_from_english_but_for_names():
 
 
 @pytest.mark.parametrize("path", STYLES, ids=lambda path: path.name)
-def test_a_style_loads_nothing(path):
+def test_a_style_sheet_loads_no_resource(path):
     assert not re.search(r"@import|@font-face|url\(", path.read_text(encoding="utf-8"))
 
 
-def test_both_ways_to_the_dark_theme_have_the_same_colours():
+def test_both_dark_theme_rules_have_the_same_colours():
     style = (STATIC / "page.css").read_text(encoding="utf-8")
     dark_rules = re.search(r':root:not\(\[data-theme="light"\]\) \{(.*?)\}', style, re.DOTALL)
     light_rules = re.search(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)

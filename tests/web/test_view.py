@@ -1,4 +1,4 @@
-"""A recorded run in a browser: what comes, in which language, and what it costs the page."""
+"""A recorded run in a browser: the data, the language, and the cost of the page."""
 
 import re
 import signal
@@ -24,7 +24,7 @@ def columns_of(run):
     return {field["name"]: record.x[:, k] for k, field in enumerate(record.fields)}, record
 
 
-def test_columns_of_a_run_are_what_it_recorded():
+def test_columns_of_a_run_contain_its_recorded_values():
     x, record = columns_of(drive())
     np.testing.assert_allclose(x["t"], 0.01 * np.arange(300), atol=1e-6)
     np.testing.assert_allclose(x["cross"], 0.01, atol=1e-6)
@@ -62,7 +62,7 @@ def test_a_run_without_ticks_or_estimates_is_shown():
     assert recorded(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
 
 
-def test_a_browser_gets_the_whole_run_and_its_ghost(folder):
+def test_a_browser_receives_the_whole_run_and_its_ghost(folder):
     async def job():
         async with recorded_page(folder, "circle", "short") as server, browser(server) as visitor:
             assert (visitor.hello["mode"], visitor.hello["role"]) == ("replay", "drive")
@@ -98,7 +98,7 @@ def test_long_runs_come_in_frames_of_bounded_size(tmp_path):
     run_page(job)
 
 
-def test_each_browser_is_answered_in_its_language(folder):
+def test_each_browser_gets_its_own_language(folder):
     async def job():
         page = recorded_page(folder, "circle")
         async with page as server, browser(server, "es") as spanish, browser(server, "en") as two:
@@ -115,7 +115,7 @@ def test_each_browser_is_answered_in_its_language(folder):
     run_page(job)
 
 
-def test_reports_and_runs_are_fetched_by_their_word(folder):
+def test_reports_and_runs_are_fetched_by_their_id(folder):
     async def job():
         async with recorded_page(folder, "circle") as server, browser(server) as visitor:
             word = next(run["id"] for run in visitor.hello["runs"] if run["name"] == "short")
@@ -133,7 +133,7 @@ def test_reports_and_runs_are_fetched_by_their_word(folder):
     run_page(job)
 
 
-def test_the_list_of_runs_says_what_each_one_is(folder):
+def test_the_list_of_runs_describes_each_run(folder):
     (folder / "broken.mcap").write_bytes(b"no run")
 
     async def job():
@@ -170,7 +170,7 @@ def test_view_serves_a_run_without_numpy_and_in_little_memory(folder):
         program.stderr.close()
 
 
-def test_view_says_which_run_is_not_there(folder):
+def test_view_reports_a_missing_run_by_name(folder):
     end = subprocess.run(
         [sys.executable, "-m", "baqueano", "view", "triangle", "--runs", str(folder)],
         capture_output=True, text=True, encoding="utf-8",

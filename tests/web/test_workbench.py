@@ -1,4 +1,4 @@
-"""The screens that ask a worker, in a real browser: gains, blocks, comparisons, against a script."""
+"""The screens that use a worker, in a real browser with a script: gains, blocks, comparisons."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def tune_page(tab, live):
     tab.wait(f"{PAGE}.hand.mine && Boolean({TUNE}.lap)")
 
 
-def test_a_slider_simulates_a_lap_at_each_move_and_a_descent_is_shown(tab, live):
+def test_each_slider_move_simulates_a_lap_and_a_descent_is_shown(tab, live):
     tune_page(tab, live)
     laps, far = len(requests_of(live, "lap")), tab.js(f"{TUNE}.lap.rms")
     tab.js("document.querySelectorAll('.gain input')[2].focus()")
@@ -30,7 +30,7 @@ def test_a_slider_simulates_a_lap_at_each_move_and_a_descent_is_shown(tab, live)
     tab.wait(f"{TUNE}.values.every((x, k) => Math.abs(x - [0.6, 1.4, 6, 0.2][k]) < 1e-6)")
 
 
-def test_gains_are_applied_by_the_holder_and_taken_back(tab, live):
+def test_gains_are_applied_and_restored_by_the_driver(tab, live):
     tune_page(tab, live)
     assert tab.js(f"{TUNE}.do.apply.disabled")
     tab.js(f"{TUNE}.jump([0.5, 2, 8, 0.25])")
@@ -48,7 +48,7 @@ def test_gains_are_applied_by_the_holder_and_taken_back(tab, live):
     tab.wait(f"{TUNE}.do.undo.disabled")
 
 
-def test_a_touch_on_the_landscape_chooses_two_gains(tab, live):
+def test_a_click_on_the_cost_map_selects_two_gains(tab, live):
     tune_page(tab, live)
     tab.wait(f"Boolean({TUNE}.land)")
     x, y = tab.middle(".land")
@@ -58,7 +58,7 @@ def test_a_touch_on_the_landscape_chooses_two_gains(tab, live):
     assert tab.js(f"{TUNE}.values[0]") == 0.5  # the others rest
 
 
-def test_chosen_runs_are_compared_and_the_list_comes_back(tab, live):
+def test_selected_runs_are_compared_and_the_list_returns(tab, live):
     open_page(tab, live, screen="runs")
     assert tab.js("document.querySelector('.runs footer .primary').disabled")
     for k in (0, 1):
@@ -81,7 +81,7 @@ def test_a_long_list_of_runs_has_pages(tab, live):
     assert tab.js("document.querySelector('.runs footer').lastChild.disabled")
 
 
-def test_a_block_shows_text_and_parameters_and_is_checked_and_swapped(tab, live):
+def test_a_block_shows_its_source_and_can_be_checked_and_replaced(tab, live):
     open_page(tab, live, screen="blocks")
     for view, line_shown in ((1, "process_noise_cov"), (2, "line 70 of a file")):
         tab.js(f"document.querySelectorAll('.side .choices button')[{view}].click()")

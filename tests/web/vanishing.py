@@ -1,4 +1,4 @@
-"""A line whose packets vanish: nothing comes through any more, and neither end is told."""
+"""A connection whose packets vanish: nothing arrives any more, and neither end is notified."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -21,7 +21,7 @@ class Vanishing:
         self._plugged.clear()
 
     async def joined(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Join somebody who comes to the other end."""
+        """Connect a new client to the other end."""
         upstream, away = await asyncio.open_connection("127.0.0.1", self._to)
         self._writers += [writer, away]
         self._tasks += [

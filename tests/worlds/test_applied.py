@@ -12,7 +12,7 @@ UNEQUAL = AppliedMotors(
 
 
 class Firmware:
-    """What the wheels do, millisecond by millisecond, and what telemetry says of it `phase_ms` after each tick."""
+    """The duty of the wheels, millisecond by millisecond, and its telemetry `phase_ms` after each tick."""
 
     def __init__(self, motors, phase_ms, on_the_way_ms=1):
         self.motors, self.phase_ms, self.late_ms = motors, phase_ms, on_the_way_ms
@@ -36,7 +36,7 @@ class Firmware:
 
 
 def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
-    """Told (ticks, 2) and true mean duties of each tick."""
+    """Reported (ticks, 2) and true mean duties of each tick."""
     rng, applied, firmware = (
         np.random.default_rng(seed),
         AppliedDuties(motors),
@@ -57,13 +57,13 @@ def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
 
 
 @pytest.mark.parametrize("phase_ms", range(10))
-def test_the_command_of_a_tick_is_that_of_the_tick_in_every_phase(phase_ms):
+def test_the_applied_duty_of_a_tick_is_exact_in_every_phase(phase_ms):
     means, true = drive_motors(UNEQUAL, phase_ms)
     np.testing.assert_allclose(means, true, atol=1e-9)
 
 
 @pytest.mark.parametrize("phase_ms", [1, 2])
-def test_what_was_predicted_wrongly_comes_right_and_nothing_adds_up(phase_ms):
+def test_errors_of_the_predicted_duty_do_not_accumulate(phase_ms):
     means, true = drive_motors(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
     behind = 0.01 * np.cumsum(means - true, axis=0)
     assert np.max(np.abs(means - true)) > 0.1
@@ -71,19 +71,19 @@ def test_what_was_predicted_wrongly_comes_right_and_nothing_adds_up(phase_ms):
     assert np.max(np.abs(behind[18::20])) < 1e-9, "none where the command has held for a while"
 
 
-def test_a_vehicle_that_is_stopped_is_not_predicted_to_move():
+def test_no_duty_is_predicted_for_a_stopped_vehicle():
     applied = AppliedDuties()
     applied.update(0, (0.0, 0.0), (0.0, 0.0), False)
     applied.begin(0)
     applied.sent(0, 0.5, 0.5)
     np.testing.assert_allclose(applied.mean(10 * MS), 0.5 * (1.0 - ON_THE_WAY_NS / (10 * MS)))
     applied.update(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
-    assert np.all(applied.mean(20 * MS) < 0.0), "takes back what the tick before was told too much"
+    assert np.all(applied.mean(20 * MS) < 0.0), "subtracts the excess of the previous tick"
     applied.update(22 * MS, (0.0, 0.0), (0.0, 0.0), True)
     np.testing.assert_allclose(applied.mean(30 * MS), 0.0, atol=1e-12)
 
 
-def test_a_request_and_its_duty_are_each_others_inverse():
+def test_request_and_duty_conversions_are_inverse():
     for wheel in (0, 1):
         for x in (-1.0, -0.4, 0.0, 0.2, 1.0):
             assert UNEQUAL.request(wheel, UNEQUAL.duty(wheel, x)) == pytest.approx(x, abs=1e-8)

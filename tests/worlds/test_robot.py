@@ -1,4 +1,4 @@
-"""The real vehicle as a world: duties out, what was really applied in, the body's axes, silence told."""
+"""The real vehicle as a world: sent duties, applied duties, the body's axes, reported silence."""
 
 import tracemalloc
 from types import SimpleNamespace
@@ -57,7 +57,7 @@ def sensors(**sensors_by_name):
     return sensor_slots(tuple(sensors_by_name))(*sensors_by_name.values())
 
 
-def test_a_command_becomes_the_duties_of_two_wheels_and_never_more_than_all():
+def test_a_command_is_converted_to_limited_duties_of_two_wheels():
     line = Line()
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.write(Command(0, np.array([0.5, 0.0, 0.2])))
@@ -65,7 +65,7 @@ def test_a_command_becomes_the_duties_of_two_wheels_and_never_more_than_all():
     assert line.sent == [(0.3, 0.7), (0.0, 1.0)]
 
 
-def test_the_tick_has_the_mean_of_what_reached_the_motors_and_keeps_the_last_word():
+def test_a_tick_contains_the_mean_applied_command_or_the_last_value():
     line = Line(telemetry(5, (0.2, 0.4)), telemetry(10, (0.4, 0.6)))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     np.testing.assert_allclose(robot.read(10 * MS)[0].u, [0.5, 0.0, 0.1])
@@ -88,7 +88,7 @@ def test_samples_since_the_last_tick_are_averaged():
     assert ("imu_temperature", 10 * MS) in [(name, t_ns) for name, t_ns, _ in robot.new_channels()]
 
 
-def test_what_the_low_pass_of_the_file_explains_is_not_in_the_stamps_too():
+def test_the_modelled_low_pass_delay_is_not_counted_twice_in_timestamps():
     """The estimators take their sum for the age, and a fit has the filter in h."""
     total_s = []
     for imu in (Imu(), Imu(low_pass_hz=low_pass_hz(3)), Imu(low_pass_hz=100.0)):
@@ -99,14 +99,14 @@ def test_what_the_low_pass_of_the_file_explains_is_not_in_the_stamps_too():
     assert 0.5 / (np.pi * low_pass_hz(3)) == pytest.approx(Chip.delay_s[1])
 
 
-def test_a_drive_that_ended_within_a_tick_leaves_nothing_to_the_next():
+def test_data_of_an_ended_drive_do_not_enter_the_next_drive():
     robot = Robot(sensors(imu=Imu()), Line(telemetry(5)), None, Body())
     robot.read(10 * MS)
     robot.begin(20 * MS)
     assert robot.new_channels() == []
 
 
-def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing_piles_up():
+def test_each_event_is_reported_once_and_memory_does_not_grow_without_recording():
     line, chip = Line(), Chip()
     robot = Robot(sensors(), line, chip, Body())
     events = []
@@ -128,7 +128,7 @@ def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing
     assert robot.battery_v == 7.4
 
 
-def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_received_once():
+def test_wheel_speeds_follow_their_counts_and_a_mark_is_received_once():
     line = Line(telemetry(10))
     body = Body(wheel_radius_m=0.03, counts_per_turn=60.0)
     robot = Robot(sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, body)
@@ -141,7 +141,7 @@ def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_received_once():
     assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
 
 
-def test_a_speed_of_encoders_is_half_as_old_as_the_time_that_was_counted():
+def test_an_encoder_speed_has_half_the_age_of_its_interval():
     line = Line(telemetry(10))
     encoders = sensors(encoders=Encoders(track_m=0.1, count_m=0.00314))
     robot = Robot(encoders, line, None, Body(wheel_radius_m=0.03, counts_per_turn=60.0))
@@ -152,7 +152,7 @@ def test_a_speed_of_encoders_is_half_as_old_as_the_time_that_was_counted():
     assert measured_ns(34 * MS, slot) == 20 * MS
 
 
-def test_counts_that_wrap_are_not_a_leap():
+def test_a_counter_overflow_is_not_a_jump():
     line = Line(telemetry(10, counts=((1 << 31) - 2, 3 - (1 << 31))))
     robot = Robot(sensors(wheels=Wheels(track_m=0.1)), line, None, Body("two_wheels", 0.03, 60.0))
     robot.read(10 * MS)
@@ -161,7 +161,7 @@ def test_counts_that_wrap_are_not_a_leap():
     np.testing.assert_allclose(slots.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
 
 
-def test_an_uno_that_began_anew_has_rolled_nowhere_and_passed_no_line():
+def test_a_restarted_uno_gives_no_motion_and_no_mark():
     """Its counts begin at 0 again: from there they are measured."""
     line = Line(telemetry(10, counts=(5000, 5000), marks=3))
     robot = Robot(
@@ -177,7 +177,7 @@ def test_an_uno_that_began_anew_has_rolled_nowhere_and_passed_no_line():
     assert slots.mark.has == 1.0
 
 
-def test_a_mark_has_its_own_stamp_which_is_within_the_run_and_not_ahead_of_its_tick():
+def test_a_mark_timestamp_is_within_the_run_and_not_after_its_tick():
     line = Line(telemetry(1000))
     robot = Robot(sensors(mark=Mark()), line, None, Body())
     robot.begin(1000 * MS)
@@ -189,7 +189,7 @@ def test_a_mark_has_its_own_stamp_which_is_within_the_run_and_not_ahead_of_its_t
     assert passed_ms == [4, 0, 30]
 
 
-def test_an_encoder_that_fell_silent_is_named_once_until_it_has_counted_again():
+def test_a_silent_encoder_is_named_once_until_new_counts_arrive():
     line = Line()
     robot = Robot(sensors(), line, None, Body())
     for k in range(300):
@@ -217,7 +217,7 @@ def test_a_silent_link_and_a_stopped_firmware_are_reported():
     assert robot.trouble(310 * MS) == latched
 
 
-def test_a_noisy_line_has_more_patience_than_a_silent_one_and_not_without_end():
+def test_a_noisy_line_has_a_longer_timeout_than_a_silent_line():
     line = Line(telemetry(10))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.read(10 * MS)
@@ -230,7 +230,7 @@ def test_a_noisy_line_has_more_patience_than_a_silent_one_and_not_without_end():
     assert (silent.code, silent.figures["silent_ms"]) == (StopReason.UNO_SILENT, pytest.approx(290.0))
 
 
-def test_a_vehicle_that_tips_over_is_seen_within_a_second_and_one_that_shakes_is_not():
+def test_tipping_over_is_detected_within_a_second_but_shaking_is_not():
     chip, t_ns = Chip(), 0
     robot = Robot(sensors(imu=Imu()), Line(), chip, Body())
     for k in range(100):

@@ -39,12 +39,12 @@ def drive_world(simulated_world, seconds=2.0, u=(0.5, 0.0, 0.1), at=None, rate_h
     return np.array(rows)
 
 
-def test_without_a_fault_it_is_the_simulated_world():
+def test_without_faults_the_world_equals_the_simulated_world():
     np.testing.assert_array_equal(drive_world(world()), drive_world(world(SimulatedWorld)))
 
 
 @pytest.mark.parametrize("words", ALL)
-def test_a_fault_changes_something_from_its_first_tick_on_and_nothing_before(words):
+def test_a_fault_acts_from_its_first_tick(words):
     fault = Fault.of_words(words)
     rows, twin = drive_world(world(shake=[fault])), drive_world(world())
     first = round(fault.at_s * FILE.rate_hz)
@@ -55,14 +55,14 @@ def test_a_fault_changes_something_from_its_first_tick_on_and_nothing_before(wor
         assert np.mean(rows[first:190, 8] == 0.0) == pytest.approx(0.3, abs=0.1)
 
 
-def test_a_fault_that_is_taken_away_leaves_the_noise_of_the_others():
+def test_removing_a_fault_does_not_change_the_noise_of_others():
     spikes = Fault.of_words("0.1-2 s: spikes imu[0] 5, 10 %")
     lone = drive_world(world(shake=[spikes]))
     both = drive_world(world(shake=[spikes, "1 s: spikes imu[1] 5, 20 %", "1.5 s: drift imu[2] 0.1"]))
     np.testing.assert_array_equal(lone[:, 6], both[:, 6])
 
 
-def test_a_push_is_its_impulse_over_the_mass_in_either_frame():
+def test_a_push_changes_the_velocity_by_impulse_over_mass():
     standing = {"u": (0.0, 0.0, 0.0), "seconds": 0.5 + PUSH_S}
     heavy = FILE.with_values({"model.friction.linear": [0.0] * 3, "model.friction.coulomb": [0.0] * 3,
                               "model.friction.quadratic": [0.0] * 3, "model.process_noise_std": [0.0] * 3})  # fmt: skip
@@ -74,7 +74,7 @@ def test_a_push_is_its_impulse_over_the_mass_in_either_frame():
         assert event.figures["way"].code == "shake.way-left"
 
 
-def test_an_imu_feels_a_push_and_the_floor_that_holds_a_vehicle_but_not_its_fall():
+def test_an_imu_measures_pushes_and_floor_forces_but_not_free_fall():
     quiet = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.accel_bias": [0.0, 0.0],
              "sensors.imu.tilt_rad": [0.0, 0.0], "sensors.imu.accel_bias_walk": 0.0}  # fmt: skip
     rough = FILE.with_values(quiet | {"model.friction.linear": [15.0, 15.0, 0.05]})
@@ -88,7 +88,7 @@ def test_an_imu_feels_a_push_and_the_floor_that_holds_a_vehicle_but_not_its_fall
     assert falling[-1, 3] == pytest.approx(-2.0 * STANDARD_GRAVITY * np.sin(0.05), rel=0.01)
 
 
-def test_wheels_that_slip_read_ahead_of_the_vehicle_and_push_less():
+def test_slipping_wheels_measure_too_much_speed_and_push_less():
     file = parse(
         FILE.text + '\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.0\n', "wheels"
     )
@@ -104,7 +104,7 @@ def test_wheels_that_slip_read_ahead_of_the_vehicle_and_push_less():
     np.testing.assert_allclose(ratios[140], [1.5, 1.0], rtol=1e-9)
 
 
-def test_a_shaken_run_holds_its_faults_and_is_made_again_bit_for_bit(tmp_path):
+def test_a_faulty_run_stores_its_faults_and_is_exactly_reproducible(tmp_path):
     path = tmp_path / "run.mcap"
     run = repeat(FILE, circle(0.3, 0.2), shake=ALL, seed=4, duration_s=3.0, path=path)
     faults_of_run = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
@@ -115,7 +115,7 @@ def test_a_shaken_run_holds_its_faults_and_is_made_again_bit_for_bit(tmp_path):
         np.testing.assert_array_equal(series, repeated_series)
 
 
-def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
+def test_faults_added_during_a_run_are_exactly_reproducible():
     lively = world()
     at = {
         50: lambda w: w.shake({"kind": "drift", "of": "imu[2]", "size": 0.1}),
@@ -133,7 +133,7 @@ def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
     np.testing.assert_array_equal(drive_world(world(shake=faults_of_run)), rows)
 
 
-def test_the_twin_is_the_same_until_the_fault():
+def test_the_fault_free_twin_is_identical_until_the_fault():
     u = np.tile([0.5, 0.0, 0.1], (300, 1))
     shaken_run, twin = (experiment(FILE, u, seed=2, shake=s) for s in (["1 s: sag 84 %"], []))
     np.testing.assert_array_equal(shaken_run.truth.eta[:100], twin.truth.eta[:100])
@@ -162,12 +162,12 @@ def test_the_twin_is_the_same_until_the_fault():
         ({"kind": "earthquake"}, "shake.kind"),
     ],
 )
-def test_what_is_not_a_fault_is_refused(words, code):
+def test_an_invalid_fault_is_refused(words, code):
     with refused(code, UsageError):
         world(shake=[words])
 
 
-def test_a_vehicle_that_cannot_have_a_fault_says_so():
+def test_an_unsuitable_fault_for_a_vehicle_is_refused():
     car = load("car")
     with refused("shake.no-mass", UsageError):
         world(file=car, shake=["1 s: push 0.3 N s left"])
@@ -186,35 +186,35 @@ def rows_of(words, seconds=8.0):
     return ledger, row
 
 
-def test_the_ledger_says_who_noticed_and_when():
+def test_the_ledger_lists_each_detection_with_its_time():
     _, row = rows_of("4 s: push 0.4 N s left")
-    nis = next(notice for notice in row.noticed if notice.who == "nis")
+    nis = next(notice for notice in row.noticed if notice.witness == "nis")
     assert 0.0 < nis.after_s < 0.1
     assert nis.message.figures["nis"] > nis.message.figures["most"]
     _, row = rows_of("4-6 s: cut imu")
-    stop = next(notice for notice in row.noticed if notice.who == "supervisor")
+    stop = next(notice for notice in row.noticed if notice.witness == "supervisor")
     assert stop.after_s == pytest.approx(0.5, abs=0.05)  # imu_timeout_s
     _, row = rows_of("4 s: drift imu[2] 1")
-    assert "monitor" in [notice.who for notice in row.noticed]
+    assert "monitor" in [notice.witness for notice in row.noticed]
 
 
-def test_what_an_earlier_fault_left_is_not_of_the_next():
+def test_detections_of_an_earlier_fault_are_not_assigned_to_the_next():
     u = np.tile([0.5, 0.0, 0.1], (600, 1))
     run = experiment(FILE, u, seed=1, shake=["3 s: push 0.4 N s left", "3.5 s: drift imu[2] 0.02"])
     push, drift = ledger_of(run, FILE).rows
-    assert "nis" in [notice.who for notice in push.noticed]
+    assert "nis" in [notice.witness for notice in push.noticed]
     assert drift.noticed == []
 
 
-def test_the_ledger_says_who_could_not_and_why():
+def test_the_ledger_lists_missing_detections_with_their_reasons():
     ledger, row = rows_of("4 s: drift imu[2] 0.15")
     assert row.noticed == []
     assert set(row.silent()) == {"monitor", "model", "supervisor", "gate", "nis"}
     reason = ledger.nobody(row)
     assert reason.code == "ledger.nobody-and-off"
-    assert reason.figures["why"].code == "ledger.reason-drift"
+    assert reason.figures["why"].code == "ledger.why-drift"
     assert reason.figures["off"].figures["off_cm"] > 5.0
     ledger, row = rows_of("4 s: sag 84 %")
-    assert ledger.reason_unnoticed(row.fault).code == "ledger.reason-sag"
+    assert ledger.reason_unnoticed(row.fault).code == "ledger.why-sag"
     ledger, row = rows_of("7.5 s: sag 84 %")
     assert ledger.nobody(row) is None  # too early to tell

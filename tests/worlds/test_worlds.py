@@ -1,4 +1,4 @@
-"""A simulated world is one pure step after the other; a replayed one says again what it said."""
+"""A simulated world is a sequence of pure steps; a replayed world repeats its ticks."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def ticks_of(sensors, n=600, seed=3, bundle=1, backend="numpy"):
     return ticks, world
 
 
-def test_the_world_is_the_pure_step_with_the_noise_of_its_names():
+def test_the_world_equals_the_pure_step_with_named_noise():
     ticks, world = ticks_of(SENSORS)
     process, imu = unit_normals(3, PROCESS, 600, 3), unit_normals(3, sensor_stream("imu"), 600, 6)
     state = world_init(VEHICLE, SENSORS)
@@ -44,7 +44,7 @@ def test_the_world_is_the_pure_step_with_the_noise_of_its_names():
     assert np.array_equal(world.truth.eta, truth.eta)
 
 
-def test_a_sensor_more_changes_nobody_elses_noise():
+def test_an_additional_sensor_does_not_change_the_noise_of_others():
     without, _ = ticks_of(SENSORS)
     both, _ = ticks_of(sensor_slots(("odometer", "imu"))(Odometer(noise_std=0.01), IMU))
     assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(without, both, strict=True))
@@ -59,13 +59,13 @@ def test_bundled_reading_gives_the_same_ticks():
     )
 
 
-def test_the_seed_decides_the_noise():
+def test_the_seed_determines_the_noise():
     a, b, c = (ticks_of(SENSORS, n=5, seed=s)[0][-1].sensors.imu.z for s in (1, 1, 2))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, c)
 
 
-def test_a_command_is_in_force_from_the_next_tick_on():
+def test_a_command_acts_from_the_next_tick():
     world = SimulatedWorld(VEHICLE, SENSORS, backend="numpy")
     (first,) = world.read(10_000_000)
     world.write(Command(10_000_000, U))
@@ -75,7 +75,7 @@ def test_a_command_is_in_force_from_the_next_tick_on():
     assert world.read(20_000_000) == []
 
 
-def test_the_vehicle_starts_where_it_is_put():
+def test_the_vehicle_starts_at_the_given_pose():
     start = np.array([1.0, -2.0, 0.7])
     world = SimulatedWorld(VEHICLE, SENSORS, eta0=start, backend="numpy")
     assert np.array_equal(world.truth.eta, start)
@@ -83,7 +83,7 @@ def test_the_vehicle_starts_where_it_is_put():
     assert world.truth.eta == pytest.approx(start, abs=1e-2)
 
 
-def test_without_noise_a_resting_vehicle_stays_and_its_imu_says_zero():
+def test_without_noise_a_resting_vehicle_stays_and_its_imu_measures_zero():
     state = world_init(VEHICLE, SENSORS)
     state, truth, slots = world_step(VEHICLE, SENSORS, state, np.zeros(3), 0.01, no_noise(SENSORS))
     assert np.array_equal(truth.eta, np.zeros(3))
@@ -98,7 +98,7 @@ def run_of(ticks, truth=None):
     return Run("test", None, t_ns, u, sensors={"imu": channel}, truth=truth)
 
 
-def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
+def test_a_replayed_world_repeats_its_ticks_for_any_command():
     ticks, simulated = ticks_of(SENSORS, n=50)
     motions = simulated.new_truths()
     assert [t for t, _ in motions] == [t.t_ns for t in ticks]
@@ -121,12 +121,12 @@ def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
     assert world.commands == 3
 
 
-def test_an_empty_run_is_refused_in_words():
+def test_an_empty_run_is_refused_with_a_reason():
     with refused("replay.empty", ValueError, run="test"):
         ReplayedWorld(run_of([]))
 
 
-def test_a_recording_without_holes_is_replayed_untouched():
+def test_a_recording_without_gaps_is_replayed_unchanged():
     ticks, _ = ticks_of(SENSORS, n=50)
     jittered = [t._replace(t_ns=t.t_ns + 3_000_000 * (k % 2)) for k, t in enumerate(ticks)]
     world = ReplayedWorld(run_of(jittered))
@@ -134,7 +134,7 @@ def test_a_recording_without_holes_is_replayed_untouched():
     assert world.notes == ()
 
 
-def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
+def test_a_gap_is_filled_with_ticks_without_readings():
     ticks, _ = ticks_of(SENSORS, n=200)
     world = ReplayedWorld(run_of(ticks[:50] + ticks[150:]))
     assert world.times == [t.t_ns for t in ticks]
@@ -143,7 +143,7 @@ def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
     assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
 
 
-def test_a_hole_of_a_day_is_not_filled_for_a_day():
+def test_a_gap_of_a_day_is_filled_only_in_part():
     ticks, _ = ticks_of(SENSORS, n=20)
     late = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
     assert len(ReplayedWorld(run_of(ticks[:10] + late)).times) < 6100

@@ -1,4 +1,4 @@
-"""A bus that a chip holds in mid-byte is clocked free through `pinctrl`; the pins are I2C's again in every ending."""
+"""`pinctrl` clocks a bus free that a chip blocks in mid-byte; the pins return to I2C at every end."""
 
 import os
 import subprocess
@@ -29,12 +29,12 @@ def lines(tmp_path, monkeypatch):
 
 
 def as_it_was(pins):
-    """The pins are I2C's, and nobody has ever driven a line high."""
+    """The pins are in I2C mode, and no output has driven a line high."""
     return pins.given_back and pins.read()["driven_high"] == 0
 
 
 @pytest.mark.parametrize("clocks", [1, 2, 5, 8, 9])
-def test_rt9_a_chip_that_waits_for_up_to_nine_clocks_lets_the_bus_go(lines, clocks):
+def test_rt9_a_chip_in_mid_byte_releases_the_bus_within_nine_clocks(lines, clocks):
     pins = lines([0] * clocks)
     assert pins
     outcome = recover(BUS)
@@ -46,7 +46,7 @@ def test_rt9_a_chip_that_waits_for_up_to_nine_clocks_lets_the_bus_go(lines, cloc
     assert as_it_was(pins)
 
 
-def test_a_1_that_the_chip_sends_is_not_taken_for_the_end_of_its_byte(lines):
+def test_a_high_data_bit_is_not_mistaken_for_a_free_bus(lines):
     pins = lines([0, 1, 0, 0, 1, 0, 0, 0])
     outcome = recover(BUS)
     assert outcome.freed
@@ -55,7 +55,7 @@ def test_a_1_that_the_chip_sends_is_not_taken_for_the_end_of_its_byte(lines):
     assert as_it_was(pins)
 
 
-def test_a_chip_that_does_not_let_go_after_nine_clocks_is_reported(lines):
+def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
     pins = lines([0] * 10)
     outcome = recover(BUS)
     assert not outcome.freed
@@ -64,7 +64,7 @@ def test_a_chip_that_does_not_let_go_after_nine_clocks_is_reported(lines):
     assert as_it_was(pins)
 
 
-def test_a_held_scl_is_reported_and_not_clocked(lines):
+def test_a_blocked_scl_is_reported_and_not_clocked(lines):
     pins = lines([0, 0], scl_held=True)
     outcome = recover(BUS)
     assert not outcome.freed
@@ -72,7 +72,7 @@ def test_a_held_scl_is_reported_and_not_clocked(lines):
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
-def test_a_bus_that_nobody_holds_is_not_touched(lines):
+def test_a_free_bus_is_not_clocked(lines):
     pins = lines([])
     outcome = recover(BUS)
     assert not outcome.freed
@@ -92,7 +92,7 @@ def test_a_call_that_crashes_at_any_point_leaves_the_pins_with_i2c(lines, after)
 
 
 @pytest.mark.parametrize("after", [3, SETS - 1])
-def test_a_call_that_hangs_is_ended_and_the_pins_are_given_back(lines, monkeypatch, after):
+def test_a_call_that_hangs_is_ended_and_the_pins_return_to_i2c(lines, monkeypatch, after):
     pins = lines(ZEROS)
     monkeypatch.setattr(bus_recovery, "CALL_S", 3.0)
     pins.fails("hang", after=after)
@@ -102,14 +102,14 @@ def test_a_call_that_hangs_is_ended_and_the_pins_are_given_back(lines, monkeypat
     assert as_it_was(pins)
 
 
-def test_pins_that_do_not_go_back_though_nothing_is_reported_are_given_back_again(lines):
+def test_pins_that_silently_stay_gpio_are_set_to_i2c_again(lines):
     pins = lines(ZEROS)
     pins.fails("deaf", after=SETS - 1)
     assert recover(BUS).freed
     assert as_it_was(pins)
 
 
-def test_pins_that_cannot_be_given_back_are_reported_with_the_line_to_type(lines):
+def test_pins_that_cannot_return_to_i2c_are_reported_with_a_command(lines):
     pins = lines(ZEROS)
     pins.fails("root", after=SETS - 1, times=100)
     outcome = recover(BUS)
@@ -118,7 +118,7 @@ def test_pins_that_cannot_be_given_back_are_reported_with_the_line_to_type(lines
     assert "Type: pinctrl set 2,3 a0" in outcome.text
 
 
-def test_ctrl_c_in_the_middle_gives_the_pins_back(lines, monkeypatch):
+def test_ctrl_c_during_recovery_returns_the_pins_to_i2c(lines, monkeypatch):
     pins, run, ran = lines(ZEROS), subprocess.run, []
 
     def interrupted(*command, **options):
@@ -134,7 +134,7 @@ def test_ctrl_c_in_the_middle_gives_the_pins_back(lines, monkeypatch):
     assert as_it_was(pins)
 
 
-def test_calls_that_take_long_are_not_gone_on_with_and_the_pins_are_given_back(lines, monkeypatch):
+def test_slow_calls_end_the_recovery_and_the_pins_return_to_i2c(lines, monkeypatch):
     pins, now = lines([0] * 9), iter(range(1000))
     monkeypatch.setattr(bus_recovery, "ALL_S", 8.0)
     monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # a second each
@@ -147,7 +147,7 @@ def test_calls_that_take_long_are_not_gone_on_with_and_the_pins_are_given_back(l
 
 
 @pytest.mark.parametrize("function", ["ip", "op"])
-def test_pins_that_a_killed_program_left_behind_are_given_back_and_the_bus_is_clocked(lines, function):
+def test_gpio_pins_of_a_killed_program_return_to_i2c_after_recovery(lines, function):
     pins = lines([0, 0, 0])
     pins.put(function={"2": "ip", "3": function})
     outcome = recover(BUS)
@@ -155,12 +155,12 @@ def test_pins_that_a_killed_program_left_behind_are_given_back_and_the_bus_is_cl
     assert as_it_was(pins)
     pins.put(function={"2": "ip", "3": function})
     outcome = recover(BUS)
-    assert outcome.freed, "nobody holds it but they"
+    assert outcome.freed, "only these pins block the bus"
     assert "not in I2C mode" in outcome.text
     assert as_it_was(pins)
 
 
-def test_a_user_outside_the_group_is_reported_how_to_join_it(lines):
+def test_a_user_outside_the_gpio_group_gets_the_command_to_join(lines):
     pins = lines(ZEROS)
     pins.fails("root", "get", times=100)
     outcome = recover(BUS)
@@ -169,14 +169,14 @@ def test_a_user_outside_the_group_is_reported_how_to_join_it(lines):
     assert "sudo usermod -aG gpio $USER" in outcome.text
 
 
-def test_where_there_is_no_pinctrl_it_is_told_what_to_type(tmp_path, monkeypatch):
+def test_a_missing_pinctrl_is_reported_with_the_install_command(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     outcome = recover(BUS)
     assert (outcome.freed, outcome.message.code) == (False, "bus.no-pinctrl")
     assert outcome.message.fix == "sudo apt install raspi-utils"
 
 
-def test_pins_of_another_board_or_bus_are_not_touched(lines):
+def test_pins_of_another_board_or_bus_are_not_changed(lines):
     pins = lines(ZEROS)
     pins.put(function={"2": "a3", "3": "a3"})
     assert "GPIO 2 is a3 and GPIO 3 a3, expected a0" in recover(BUS).text
@@ -184,7 +184,7 @@ def test_pins_of_another_board_or_bus_are_not_touched(lines):
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
-def test_a_recovery_runs_beside_its_caller_is_reported_once_and_not_begun_again_at_once(lines):
+def test_a_background_recovery_is_reported_once_and_not_repeated_immediately(lines):
     pins, recovery = lines([0] * 10), Recovery(BUS)
     recovery.begin(0)
     recovery.begin(0)
@@ -204,7 +204,7 @@ def test_a_recovery_runs_beside_its_caller_is_reported_once_and_not_begun_again_
     assert "freed after 1 clock." in outcome.text
 
 
-def test_its_programs_have_not_the_priority_of_the_loop_that_asks_for_them(monkeypatch):
+def test_recovery_programs_run_without_the_real_time_priority_of_the_loop(monkeypatch):
     policies = []
     monkeypatch.setattr(bus_recovery, "recover", lambda path: policies.append(os.sched_getscheduler(0)))
     before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -222,9 +222,7 @@ def test_its_programs_have_not_the_priority_of_the_loop_that_asks_for_them(monke
     assert policies == [os.SCHED_OTHER]
 
 
-def test_a_bus_that_is_held_when_the_imu_is_opened_is_clocked_free_and_that_is_reported(
-    lines, monkeypatch, tmp_path
-):
+def test_a_bus_blocked_at_imu_start_is_clocked_free_and_reported(lines, monkeypatch, tmp_path):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     bench, pins = Bench(monkeypatch, tmp_path), lines([0] * 4)
     bench.bus.sda_low = pins
@@ -233,13 +231,11 @@ def test_a_bus_that_is_held_when_the_imu_is_opened_is_clocked_free_and_that_is_r
     (warning,) = imu.identity.warnings
     assert "freed after 4 clocks" in warning
     assert any("freed after 4 clocks" in line for line in bench.printed)
-    assert warning in imu.notes, "the run says it"
+    assert warning in imu.notes, "the run contains it"
     assert as_it_was(pins)
 
 
-def test_a_bus_that_stays_held_when_the_imu_is_opened_is_reported_with_both_reasons(
-    lines, monkeypatch, tmp_path
-):
+def test_a_bus_that_stays_blocked_at_imu_start_is_an_error(lines, monkeypatch, tmp_path):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     bench = Bench(monkeypatch, tmp_path)
     bench.bus.sda_low = lines([0, 0], scl_held=True)
@@ -247,9 +243,7 @@ def test_a_bus_that_stays_held_when_the_imu_is_opened_is_reported_with_both_reas
         start(bench)
 
 
-def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_again(
-    lines, monkeypatch, tmp_path
-):
+def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(lines, monkeypatch, tmp_path):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     bench, pins = Bench(monkeypatch, tmp_path), lines([])
     imu = start(bench)
@@ -284,7 +278,7 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     assert as_it_was(pins)
 
 
-def test_the_doctor_says_whether_a_held_bus_could_be_freed(lines, tmp_path):
+def test_the_doctor_reports_whether_bus_recovery_is_possible(lines, tmp_path):
     model, pins = tmp_path / "model", lines([])
     assert recoverable(BUS, model)[0] == "unknown"
     model.write_text("Orange Pi Zero\0")

@@ -1,4 +1,4 @@
-"""The driver of the MPU-6050 reads what the chip sampled: all of it, once, in order, in SI units, without waiting."""
+"""The driver of the MPU-6050 reads every sample of the chip once, in order, in SI units, without waiting."""
 
 import math
 import subprocess
@@ -28,7 +28,7 @@ def turning(t_ns: int):
     return (0.5, -0.25, G), (0.0, 0.0, 1.5)
 
 
-def test_every_sample_comes_once_and_in_order(bench):
+def test_every_sample_is_read_once_and_in_order(bench):
     b = bench()
     device = start(b)
     already = len(b.chip.taken)
@@ -43,7 +43,7 @@ def test_every_sample_comes_once_and_in_order(bench):
     assert device.events() == []
 
 
-def test_a_call_is_two_transfers_and_each_is_a_whole_burst(bench):
+def test_a_read_makes_two_transfers_of_whole_bursts(bench):
     b = bench()
     device = start(b)
     before = b.bus.transfers
@@ -61,14 +61,14 @@ def test_numbers_are_in_si_units(bench):
         assert samples[0].accel.shape == samples[0].gyro.shape == (3,)
 
 
-def test_axes_turn_the_chip_into_the_vehicle(bench):
+def test_readings_are_rotated_into_the_vehicle_axes(bench):
     b = bench(motion=lambda t_ns: ((1.0, 2.0, G), (0.1, 0.2, 0.3)))
     sample = loop(b, start(b, axes=("-y", "x", "z")), 0.5)
     assert np.mean([s.accel for s in sample], axis=0) == pytest.approx([-2.0, 1.0, G], abs=0.05)
     assert np.mean([s.gyro for s in sample], axis=0) == pytest.approx([-0.2, 0.1, 0.3], abs=0.005)
 
 
-def test_a_burst_gives_each_sample_at_most_once(bench):
+def test_a_burst_read_gives_each_sample_at_most_once(bench):
     b = bench()
     device = start(b, mode="burst", rate_hz=50)
     already = len(b.chip.taken)
@@ -80,7 +80,7 @@ def test_a_burst_gives_each_sample_at_most_once(bench):
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 6])
 @pytest.mark.parametrize("who_am_i", [0x68, 0x98])
-def test_a_ramp_arrives_as_late_as_the_driver_says(bench, number, who_am_i):
+def test_the_delay_of_a_ramp_equals_that_stated_by_the_driver(bench, number, who_am_i):
     began = 1_000_000_000
 
     def ramp(t_ns):
@@ -97,7 +97,7 @@ def test_a_ramp_arrives_as_late_as_the_driver_says(bench, number, who_am_i):
 
 
 @pytest.mark.parametrize("ppm", [-40_000, -12_000, 3_000, 40_000])
-def test_the_real_rate_is_measured_and_stamps_follow_it(bench, ppm):
+def test_the_real_rate_is_measured_and_timestamps_use_this_rate(bench, ppm):
     b = bench(clock_ppm=ppm)
     device = start(b)
     samples = loop(b, device, 10.0)
@@ -109,7 +109,7 @@ def test_the_real_rate_is_measured_and_stamps_follow_it(bench, ppm):
     assert np.max(error) < 0.4e6, "ns; a tenth of a period and less"
 
 
-def test_a_backlog_is_read_in_bounded_pieces_and_no_sample_is_lost(bench):
+def test_a_backlog_is_read_in_limited_parts_without_losing_a_sample(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -126,7 +126,7 @@ def test_a_backlog_is_read_in_bounded_pieces_and_no_sample_is_lost(bench):
     assert device.counts.overflows == 0
 
 
-def test_open_tells_what_it_found(bench):
+def test_opening_reports_the_chip_and_its_settings(bench):
     b = bench()
     device = start(b)
     text = "\n".join(b.printed)
@@ -137,7 +137,7 @@ def test_open_tells_what_it_found(bench):
     assert device.identity.warnings == ()
 
 
-def test_open_warns_of_a_known_chip_that_moves(bench):
+def test_opening_a_moving_chip_gives_a_warning(bench):
     b = bench(motion=lambda t_ns: ((0.0, 0.0, 1.3 * G), (0.0, 0.0, 1.0)))
     start(b)
     assert "feels 12.75 m/s²" in b.printed[-2]
@@ -172,13 +172,13 @@ def test_settings_that_no_chip_has_are_refused(wrong, message):
     assert message in str(error.value)
 
 
-def test_a_laptop_is_reported_that_i2c_needs_linux(monkeypatch):
+def test_the_driver_reports_that_i2c_needs_linux(monkeypatch):
     monkeypatch.setitem(sys.modules, "smbus2", None)
     with refused("imu.no-smbus", UsageError):
         imu.open()
 
 
-def test_the_driver_is_imported_where_nothing_of_linux_is():
+def test_the_driver_can_be_imported_without_linux_modules():
     code = """
 import sys
 for name in ("fcntl", "termios", "smbus2", "resource"):
@@ -201,12 +201,12 @@ except UsageError as error:
     assert "needs Linux and smbus2" in done.stdout
 
 
-def test_without_a_bus_the_remedy_is_reported(tmp_path):
+def test_a_missing_bus_is_reported_with_its_remedy(tmp_path):
     with refused("imu.no-bus", RobotUnreachable):
         imu.open(str(tmp_path / "i2c-7"))
 
 
-def test_without_the_right_to_the_bus_the_group_is_reported(bench, monkeypatch):
+def test_a_missing_bus_permission_is_reported_with_its_group(bench, monkeypatch):
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
@@ -216,26 +216,26 @@ def test_without_the_right_to_the_bus_the_group_is_reported(bench, monkeypatch):
         imu.open(b.path)
 
 
-def test_where_nobody_answers_the_wires_are_reported(bench):
+def test_a_bus_without_answers_is_reported_with_the_wiring(bench):
     b = bench()
     b.bus.devices.clear()
     with refused("imu.no-answer", RobotUnreachable, asked="0x68 and 0x69"):
         start(b)
 
 
-def test_a_chip_with_ad0_high_is_found(bench):
+def test_a_chip_with_ad0_high_is_detected(bench):
     b = bench()
     b.bus.devices[0x69] = b.bus.devices.pop(0x68)
     assert start(b).identity.address == 0x69
 
 
-def test_a_chip_that_gives_nothing_is_reported(bench):
+def test_a_chip_without_samples_is_reported(bench):
     b = bench()
     b.chip._write = lambda value: None  # deaf to all writes, so it stays asleep
     with refused("imu.too-few-samples", RobotUnreachable, count=0, within_s=2):
         start(b)
 
 
-def test_rest_is_one_g_up(bench):
+def test_an_imu_at_rest_measures_one_g_upward(bench):
     assert REST[0] == (0.0, 0.0, G)
     assert math.isclose(G, 9.80665)

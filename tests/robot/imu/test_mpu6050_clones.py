@@ -1,4 +1,4 @@
-"""What is sold as an MPU-6050 and is none: a filter, a temperature and a self-test of its own."""
+"""Chips sold as an MPU-6050 that are clones: each has its own filter, temperature scale and self-test."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_each_kind_is_read_with_its_own_scales_and_filter(bench, who_am_i, fifo_
     assert f"0x{who_am_i:02X}" in b.printed[0]
 
 
-def test_a_driver_of_the_6050_would_leave_the_clones_accelerometer_open(bench):
+def test_a_plain_6050_driver_would_not_filter_the_clones_accelerometer(bench):
     """What the table is for: with 0x1D left alone the noise of a 6500 at 5 Hz is that of 460 Hz."""
     b = bench(who_am_i=0x70)
     device = start(b, filter=6)
@@ -48,7 +48,7 @@ def test_a_driver_of_the_6050_would_leave_the_clones_accelerometer_open(bench):
 
 
 @pytest.mark.parametrize("who_am_i", [0x72, 0x75])
-def test_a_clone_without_a_map_runs_and_its_temperature_is_unknown(bench, who_am_i):
+def test_a_clone_without_a_register_map_has_an_unknown_temperature(bench, who_am_i):
     b = bench(who_am_i=who_am_i)
     device = start(b)
     assert np.isnan(loop(b, device, 0.1)[0].temperature_c)
@@ -65,7 +65,7 @@ def test_an_unknown_chip_runs_with_a_warning(bench):
 
 
 @pytest.mark.parametrize("motion", [((0.0, 0.0, 2.0 * G), (0.0, 0.0, 0.0)), ((0.0, 0.0, G), (0.6, 0.0, 0.0))])
-def test_an_unknown_chip_whose_numbers_cannot_be_is_refused(bench, motion):
+def test_an_unknown_chip_with_impossible_readings_is_refused(bench, motion):
     with refused("imu.unknown-chip", RobotUnreachable):
         start(bench(who_am_i=0x33, motion=lambda t: motion))
 
@@ -76,7 +76,7 @@ def test_a_bus_without_a_chip_is_not_an_unknown_chip(bench, who_am_i):
         start(bench(who_am_i=who_am_i))
 
 
-def test_every_chip_of_the_table_has_six_filters_and_a_temperature_near_a_room_at_its_usual_word():
+def test_every_chip_has_six_filters_and_a_plausible_temperature_scale():
     for who_am_i, chip in CHIPS.items():
         assert chip_of(who_am_i) is chip
         assert sorted(chip.bands) == [1, 2, 3, 4, 5, 6]
@@ -104,14 +104,14 @@ def test_a_good_chip_passes_its_self_test_and_runs_on(bench, who_am_i):
 
 
 @pytest.mark.parametrize(("who_am_i", "error"), [(0x68, 0.2), (0x68, -0.2), (0x70, -0.6)])
-def test_a_chip_that_answers_otherwise_than_at_the_factory_fails(bench, who_am_i, error):
+def test_a_chip_that_differs_from_its_factory_code_fails_the_self_test(bench, who_am_i, error):
     b = bench(who_am_i=who_am_i, self_test_error=error)
     result = self_test(start(b), b.clock.sleep)
     assert not result.passed
     assert result.table().count("FAILED") == 6
 
 
-def test_an_axis_without_a_factory_code_neither_passes_nor_fails(bench):
+def test_an_axis_without_a_factory_code_has_no_verdict(bench):
     b = bench()
     device = start(b)
     b.chip.regs[0x0D] &= 0xE0  # no code for gyro x
@@ -121,13 +121,13 @@ def test_an_axis_without_a_factory_code_neither_passes_nor_fails(bench):
     assert "no factory code" in result.table()
 
 
-def test_a_vehicle_that_moves_is_not_tested(bench):
+def test_a_moving_vehicle_is_not_self_tested(bench):
     b = bench(motion=lambda t: ((0.0, 0.0, G), (0.0, 0.0, 3.0 * np.sin(t * 2e-8))))
     with refused("imu.self-test-moved", AnswerNo, axis="gyro z"):
         self_test(start(b), b.clock.sleep)
 
 
-def test_a_bus_that_fails_ends_the_self_test_and_the_chip_runs_on(bench):
+def test_a_bus_fault_ends_the_self_test_and_the_chip_continues(bench):
     b = bench()
     device = start(b)
     b.bus.fail(121)
@@ -136,7 +136,7 @@ def test_a_bus_that_fails_ends_the_self_test_and_the_chip_runs_on(bench):
     assert len(loop(b, device, 1.0)) > 100
 
 
-def test_factory_codes_give_the_maps_responses():
+def test_factory_codes_give_the_responses_of_the_register_map():
     """Code 1 is the least response, 31 the greatest: 0.34 and 0.92 g, 25 and 25 · 1.046³⁰ = 96.4 °/s."""
     least, most = factory_trims((1,) * 6, False), factory_trims((31,) * 6, False)
     assert least == pytest.approx((0.34, 0.34, 0.34, 25.0, -25.0, 25.0))

@@ -1,4 +1,4 @@
-"""What goes wrong on an I2C bus beside motors: each fault is told, none gives a wrong sample or makes a call wait."""
+"""Faults of an I2C bus near motors: each is reported, and none gives a wrong sample or a long wait."""
 
 import errno
 
@@ -37,7 +37,7 @@ def gaps_s(samples) -> np.ndarray:
 
 @pytest.mark.parametrize("code", [NACK, errno.EIO])
 @pytest.mark.parametrize("mode", ["fifo", "burst"])
-def test_one_failed_transfer_costs_no_sample(bench, code, mode):
+def test_one_failed_transfer_loses_no_sample(bench, code, mode):
     b = bench()
     device = start(b, mode=mode)
     loop(b, device, 1.0)
@@ -53,7 +53,7 @@ def test_one_failed_transfer_costs_no_sample(bench, code, mode):
     assert device.events() == []
 
 
-def test_a_read_of_the_fifo_that_breaks_off_gives_no_word_out_of_step(bench):
+def test_an_interrupted_fifo_read_does_not_misalign_samples(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -78,7 +78,7 @@ def test_a_read_of_the_fifo_that_breaks_off_gives_no_word_out_of_step(bench):
     assert set(kinds(device)) <= {"imu.overflow"}
 
 
-def test_three_failed_calls_start_the_chip_again(bench):
+def test_three_failed_reads_restart_the_chip(bench):
     b = bench()
     device = start(b)
     samples = loop(b, device, 1.0)
@@ -93,7 +93,7 @@ def test_three_failed_calls_start_the_chip_again(bench):
 
 
 @pytest.mark.parametrize("mode", ["fifo", "burst"])
-def test_a_brown_out_is_seen_within_a_second_and_scales_are_right_again(bench, mode):
+def test_a_brown_out_is_detected_within_a_second_and_settings_are_restored(bench, mode):
     b = bench()
     device = start(b, mode=mode, accel_range_g=8)
     before = loop(b, device, 1.35)
@@ -110,7 +110,7 @@ def test_a_brown_out_is_seen_within_a_second_and_scales_are_right_again(bench, m
     assert_sane(after)
 
 
-def test_rt9_a_setting_that_changed_by_itself_is_put_right_within_a_second(bench):
+def test_rt9_a_changed_chip_setting_is_restored_within_a_second(bench):
     b = bench()
     device = start(b)
     loop(b, device, 0.5)
@@ -121,7 +121,7 @@ def test_rt9_a_setting_that_changed_by_itself_is_put_right_within_a_second(bench
     assert_sane(loop(b, device, 0.2))
 
 
-def test_a_full_fifo_is_emptied_and_old_samples_are_not_taken_for_new(bench):
+def test_a_full_fifo_is_emptied_and_its_old_samples_are_discarded(bench):
     b = bench()
     device = start(b)
     before = loop(b, device, 1.0)
@@ -136,7 +136,7 @@ def test_a_full_fifo_is_emptied_and_old_samples_are_not_taken_for_new(bench):
     assert len(after) == pytest.approx(200, abs=5)
 
 
-def test_rt7_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
+def test_rt7_frozen_samples_are_discarded_and_the_chip_is_restarted(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -152,7 +152,7 @@ def test_rt7_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
     assert_sane(fresh)
 
 
-def test_words_frozen_for_long_are_tried_again_each_second_and_reported_once(bench):
+def test_a_frozen_chip_is_restarted_each_second_and_reported_once(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -169,7 +169,7 @@ def test_words_frozen_for_long_are_tried_again_each_second_and_reported_once(ben
     ]
 
 
-def test_a_chip_that_answers_but_gives_nothing_is_started_again(bench):
+def test_a_chip_without_new_samples_is_restarted(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -204,7 +204,7 @@ def test_a_saturated_axis_is_named_once(bench):
     assert len(samples) == pytest.approx(200, abs=5), "the log keeps what was measured"
 
 
-def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
+def test_rt9_a_blocked_bus_delays_only_one_read(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -218,7 +218,7 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
         if device.silent and silent_after is None:
             silent_after = b.clock.now - began
         b.clock.now = max(b.clock.now, before + 10_000_000)
-    assert longest <= 40_000_000, "i2c.py tells the kernel 40 ms; its own second would be too long"
+    assert longest <= 40_000_000, "i2c.py sets 40 ms in the kernel; its second would be too long"
     assert silent_after == pytest.approx(0.5e9, abs=0.06e9)
     events = device.events()
     assert [e.message.code for e in events].count("imu.held") == 1
@@ -231,7 +231,7 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
     assert "imu.back" in kinds(device)
 
 
-def test_a_bus_held_at_the_start_is_distinguished_from_a_missing_chip(bench):
+def test_a_blocked_bus_at_start_is_distinguished_from_a_missing_chip(bench):
     from baqueano.errors import RobotUnreachable
 
     b = bench()
@@ -240,7 +240,7 @@ def test_a_bus_held_at_the_start_is_distinguished_from_a_missing_chip(bench):
         start(b)
 
 
-def test_a_chip_pulled_off_and_put_back_is_silent_then_back(bench):
+def test_a_chip_that_is_disconnected_recovers_after_reconnection(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -270,7 +270,7 @@ def test_a_device_file_that_goes_away_does_not_raise(bench, tmp_path):
     assert kinds(device) == ["imu.restart", "imu.data-missing", "imu.started", "imu.back"]
 
 
-def test_noise_on_the_bus_of_one_transfer_in_twenty_loses_nothing_for_long(bench):
+def test_random_bus_errors_cause_only_short_gaps(bench):
     b = bench(clock_ppm=8000)
     device = start(b)
     rng = np.random.default_rng(5)

@@ -1,4 +1,4 @@
-"""The clock of a chip is found from counts alone, and within the bounds that are told with it."""
+"""The clock of a chip is estimated from counts alone, within the stated bounds."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_period_and_phase_are_within_their_own_bounds(ppm, jitter_s, seed):
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=150e-6)
 
 
-def test_clocks_that_slide_are_reported_to_a_hundredth_of_a_period():
+def test_sliding_clocks_are_estimated_to_a_hundredth_of_a_period():
     samples, period, phase = looks(8_000, 20.0, np.random.default_rng(3), 1e-4)
     clock, errors = SampleClock(5e6), []
     for newest, before, after in samples:
@@ -43,7 +43,7 @@ def test_clocks_that_slide_are_reported_to_a_hundredth_of_a_period():
     assert np.max(np.abs(errors[500:])) < 200e3
 
 
-def test_looks_in_step_with_the_chip_admit_that_the_phase_is_unknown():
+def test_polls_synchronous_with_the_chip_report_an_unknown_phase():
     samples, period, _ = looks(0, 10.0, np.random.default_rng(4), 0.0)
     clock = SampleClock(5e6)
     for look in samples:
@@ -51,7 +51,7 @@ def test_looks_in_step_with_the_chip_admit_that_the_phase_is_unknown():
     assert clock.phase_error_ns > 0.4 * period
 
 
-def test_lost_samples_are_noticed_and_the_clock_finds_itself_again():
+def test_lost_samples_are_detected_and_the_clock_estimate_recovers():
     samples, period, phase = looks(5_000, 20.0, np.random.default_rng(6), 1e-4)
     clock, errors = SampleClock(5e6), []
     for n, (newest, before, after) in enumerate(samples):
@@ -63,7 +63,7 @@ def test_lost_samples_are_noticed_and_the_clock_finds_itself_again():
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-4)
 
 
-def test_samples_lost_at_once_after_the_start_are_noticed_too():
+def test_samples_lost_directly_after_the_start_are_detected():
     samples, period, phase = looks(5_000, 5.0, np.random.default_rng(9), 1e-4)
     clock, errors = SampleClock(5e6), []
     for n, (newest, before, after) in enumerate(samples):
@@ -75,7 +75,7 @@ def test_samples_lost_at_once_after_the_start_are_noticed_too():
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=1e-3)
 
 
-def test_a_clock_that_warms_up_is_followed():
+def test_a_slow_clock_drift_is_tracked():
     rng = np.random.default_rng(7)
     clock, sample, newest, period, errors = SampleClock(5e6), 2e6, 0, 5e6 * 0.99, []
     for i in range(6000):
@@ -89,7 +89,7 @@ def test_a_clock_that_warms_up_is_followed():
     assert np.max(np.abs(errors[300:])) < 0.3e6
 
 
-def test_stamps_grow_by_nearly_a_period_even_while_the_phase_is_learned():
+def test_timestamps_grow_by_nearly_one_period_during_phase_estimation():
     samples, period, _ = looks(-20_000, 5.0, np.random.default_rng(8), 1e-3)
     clock, stamps, done = SampleClock(5e6), [], samples[0][0]
     for newest, before, after in samples:

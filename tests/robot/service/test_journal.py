@@ -1,4 +1,4 @@
-"""The journal of a mission that is driven, and the watchdog that nobody feeds once a thread is lost."""
+"""The journal of a running mission, and the watchdog that is not fed after a thread has ended."""
 
 import threading
 
@@ -21,14 +21,14 @@ MISSION = Mission(
 
 @pytest.fixture
 def boot(tmp_path, monkeypatch):
-    """The file that tells this start of the computer."""
+    """The file that identifies this start of the computer."""
     path = tmp_path / "boot_id"
     path.write_text("one\n")
     monkeypatch.setattr(journal, "BOOT", path)
     return path
 
 
-def test_a_mission_that_was_not_ended_is_named_with_its_blocks(boot, tmp_path):
+def test_an_unfinished_mission_is_named_with_its_blocks(boot, tmp_path):
     Journal(tmp_path).begin(MISSION, "1.mcap")
     unfinished = Journal(tmp_path).unfinished()
     assert unfinished.code == StopReason.MISSION_UNFINISHED
@@ -37,7 +37,7 @@ def test_a_mission_that_was_not_ended_is_named_with_its_blocks(boot, tmp_path):
     }  # fmt: skip
 
 
-def test_a_mission_that_was_ended_or_cut_by_the_power_is_not(boot, tmp_path):
+def test_a_finished_mission_or_a_power_cut_is_not_named(boot, tmp_path):
     assert Journal(tmp_path).unfinished() is None
     journal = Journal(tmp_path)
     journal.begin(MISSION, "1.mcap")
@@ -48,7 +48,7 @@ def test_a_mission_that_was_ended_or_cut_by_the_power_is_not(boot, tmp_path):
     assert Journal(tmp_path).unfinished() is None
 
 
-def test_a_journal_that_is_damaged_names_nothing(boot, tmp_path):
+def test_a_damaged_journal_names_no_mission(boot, tmp_path):
     for content in (
         b"",
         b"one",
@@ -62,14 +62,14 @@ def test_a_journal_that_is_damaged_names_nothing(boot, tmp_path):
         assert Journal(tmp_path).unfinished() is None
 
 
-def test_a_disk_that_takes_no_journal_keeps_no_vehicle_from_driving(boot, tmp_path):
+def test_an_unwritable_journal_does_not_block_a_drive(boot, tmp_path):
     journal = Journal(tmp_path / "there is no such folder")
     journal.begin(MISSION, "1.mcap")
     journal.end()
     assert journal.unfinished() is None
 
 
-def test_nobody_feeds_the_watchdog_once_a_thread_is_lost():
+def test_the_watchdog_is_not_fed_after_a_thread_ends():
     class Systemd:
         def __init__(self):
             self.messages = []

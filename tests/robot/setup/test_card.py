@@ -1,5 +1,5 @@
-"""`baqueano robot card`: what it writes on a boot partition, and what its script then does to a folder that stands for
-the Pi."""
+"""`baqueano robot card`: the files on the boot partition, and the effect of its script on a folder that replaces the
+Pi."""
 
 import configparser
 import re
@@ -44,7 +44,7 @@ def start(pi, tmp_path):
 
 
 @pytest.mark.parametrize("own", [False, True])
-def test_after_the_first_start_the_pi_has_its_name_its_key_and_its_network(pi, tmp_path, own):
+def test_the_first_start_sets_name_key_and_network_of_the_pi(pi, tmp_path, own):
     boot = pi / "boot/firmware"
     output = write(boot, "robot-7", "ana", KEY, Network("it's; a $HOME lab", "p'ss w;rd\\1", "AR", own))
     assert "ana@robot-7.local" in output[0]
@@ -76,7 +76,7 @@ def test_after_the_first_start_the_pi_has_its_name_its_key_and_its_network(pi, t
     assert "systemd." not in (boot / "cmdline.txt").read_text()
 
 
-def test_an_image_with_cloud_init_is_started_by_it_and_keeps_what_it_had(pi):
+def test_cloud_init_starts_the_script_and_its_user_data_remain(pi):
     boot = pi / "boot/firmware"
     (boot / "user-data").write_text("#cloud-config\n# of the image\n")
     for _ in range(2):
@@ -87,7 +87,7 @@ def test_an_image_with_cloud_init_is_started_by_it_and_keeps_what_it_had(pi):
     assert (boot / "cmdline.txt").read_text() == CMDLINE
 
 
-def test_a_card_that_is_written_twice_starts_the_script_once(pi):
+def test_a_card_written_twice_starts_the_script_once(pi):
     boot = pi / "boot/firmware"
     for country in ("DE", "AR"):
         write(boot, "robot-7", "ana", KEY, Network("lab", "password", country))
@@ -97,7 +97,7 @@ def test_a_card_that_is_written_twice_starts_the_script_once(pi):
     assert "regdom=AR" in line
 
 
-def test_without_a_network_none_is_stored(pi, tmp_path):
+def test_a_card_without_a_network_stores_no_network(pi, tmp_path):
     write(pi / "boot/firmware", "robot-7", "ana", KEY, None)
     assert "rfkill" not in start(pi, tmp_path)
     assert not (pi / "etc/NetworkManager").exists()
@@ -113,7 +113,7 @@ def test_without_a_network_none_is_stored(pi, tmp_path):
         ("r1", "ana", Network("lab", "password", "ar"), ("card.country", {"country": "ar"})),
     ],
 )
-def test_what_a_pi_would_not_take_is_refused_before_anything_is_written(pi, name, user, network, match):
+def test_invalid_card_settings_are_refused_before_writing(pi, name, user, network, match):
     with refused(match[0], UsageError, **match[1]):
         write(pi / "boot/firmware", name, user, KEY, network)
     assert not (pi / "boot/firmware/firstrun.sh").exists()
@@ -131,7 +131,7 @@ def test_a_folder_that_is_not_a_card_is_reported(tmp_path, monkeypatch):
         boot_partition(None)
 
 
-def test_a_missing_key_and_a_private_one_are_reported(tmp_path, monkeypatch):
+def test_a_missing_or_private_key_is_reported(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     with refused("card.no-key", FileError):
         public_key(None)
@@ -141,7 +141,7 @@ def test_a_missing_key_and_a_private_one_are_reported(tmp_path, monkeypatch):
         public_key(private)
 
 
-def test_the_verb_makes_up_a_name_and_a_password_and_tells_what_is_next(pi, tmp_path, capsys):
+def test_the_card_command_generates_a_password_and_prints_the_next_step(pi, tmp_path, capsys):
     key = tmp_path / "key.pub"
     key.write_text(KEY + "\n")
     boot = str(pi / "boot/firmware")

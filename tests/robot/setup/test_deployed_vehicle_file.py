@@ -35,9 +35,7 @@ def vehicle_toml(pi, wheels):
     return path
 
 
-def test_a_change_on_the_laptop_reaches_the_robot_and_the_old_file_stays_beside_it(
-    programs, pi, wheels, vehicle_toml, capfd
-):
+def test_a_changed_vehicle_file_is_deployed_with_a_backup(programs, pi, wheels, vehicle_toml, capfd):
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0", "robot.least_battery_v=6.0"]), []
     setup("r1", wheels, PI, vehicle=file, say=lines.append, dry=True, root=str(pi))
     changes = [
@@ -63,9 +61,7 @@ def test_a_change_on_the_laptop_reaches_the_robot_and_the_old_file_stays_beside_
     assert (vehicle_toml.read_text(), before.read_text()) == (file.text, SMALL.text)
 
 
-def test_what_was_calibrated_on_the_robot_is_kept_when_the_rest_is_renewed(
-    programs, pi, wheels, vehicle_toml
-):
+def test_calibrated_values_of_the_robot_survive_a_new_vehicle_file(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []
     setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
@@ -88,22 +84,20 @@ def test_what_was_calibrated_on_the_robot_is_kept_when_the_rest_is_renewed(
 @pytest.mark.parametrize(
     ("day", "axes"), [(2, ("-y", "x", "z")), (3, ("-y", "x", "z")), (4, ("-x", "-y", "z"))]
 )
-def test_of_two_calibrations_the_later_one_counts(programs, pi, wheels, vehicle_toml, day, axes):
+def test_the_later_of_two_calibrations_counts(programs, pi, wheels, vehicle_toml, day, axes):
     vehicle_toml.write_text(calibrated(SMALL).text)
     calibrated_file = calibrated(SMALL, {"robot.imu_axes": ["-x", "-y", "z"]}, date(2026, 11, day))
     setup("r1", wheels, PI, vehicle=calibrated_file, root=str(pi))
     assert vehicle_file.load(vehicle_toml).robot.imu_axes == axes
 
 
-def test_a_calibration_that_agrees_with_the_laptop_goes_on_to_be_one(programs, pi, wheels, vehicle_toml):
+def test_an_equal_calibration_retains_its_provenance(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     setup("r1", wheels, PI, vehicle=SMALL.with_values(FOUND), root=str(pi))
     assert {vehicle_file.load(vehicle_toml).provenance[key].run for key in FOUND} == {"calibrate imu"}
 
 
-def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(
-    programs, pi, wheels, vehicle_toml
-):
+def test_a_calibration_without_a_place_in_the_new_file_is_refused(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     text = SMALL.text.replace("[sensors.imu]", "[sensors.gyro]")
     text = text.replace("[estimator]", '[estimator]\nuse = ["gyro"]')
@@ -115,7 +109,7 @@ def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(
 @pytest.mark.parametrize(
     ("content", "reason"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
 )
-def test_a_file_on_the_robot_that_cannot_be_read_is_reported_and_kept_beside_the_new_one(
+def test_an_unreadable_vehicle_file_on_the_robot_is_reported_and_backed_up(
     programs, pi, wheels, vehicle_toml, content, reason
 ):
     vehicle_toml.write_bytes(content)
@@ -129,7 +123,7 @@ def test_a_file_on_the_robot_that_cannot_be_read_is_reported_and_kept_beside_the
         setup("r1", wheels, PI, vehicle=SMALL, root=str(pi))
 
 
-def test_a_file_that_somebody_changes_meanwhile_is_not_replaced(programs, pi, wheels, vehicle_toml):
+def test_a_vehicle_file_changed_meanwhile_is_not_replaced(programs, pi, wheels, vehicle_toml):
     """The calibration of another person, between the look and the change."""
     (wheels / "vehicle.toml.seen").write_text("# what was looked at\n")
     step = steps.vehicle(steps.Pi(pi, wheels, "ana"))
@@ -140,7 +134,7 @@ def test_a_file_that_somebody_changes_meanwhile_is_not_replaced(programs, pi, wh
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_a_laptop_without_a_vehicle_file_leaves_the_robots_alone(
+def test_setup_without_a_vehicle_file_does_not_change_the_robots_file(
     programs, pi, wheels, vehicle_toml, monkeypatch, tmp_path, capfd, own
 ):
     vehicle_toml.write_text("# of the robot\n")

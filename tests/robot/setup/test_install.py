@@ -1,4 +1,4 @@
-"""`baqueano robot setup` and `remove`: the real steps in a folder that stands for the Pi; its ssh stays here."""
+"""`baqueano robot setup` and `remove`: the real steps in a folder that replaces the Pi; its ssh is local."""
 
 import re
 import shutil
@@ -25,7 +25,7 @@ def tree(root):
     }
 
 
-def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
+def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
     programs, pi, wheels, capfd, tmp_path
 ):
     before = tree(pi)
@@ -69,7 +69,7 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     assert "nothing of baqueano is installed here" in capfd.readouterr().out
 
 
-def test_a_dry_run_tells_every_step_and_changes_nothing(programs, pi, wheels, capfd):
+def test_a_dry_run_prints_every_step_and_changes_nothing(programs, pi, wheels, capfd):
     before = tree(pi)
     setup("r1", wheels, PI, dry=True, root=str(pi))
     output = capfd.readouterr().out
@@ -88,7 +88,7 @@ def test_an_interrupted_setup_is_reported_and_can_be_undone(programs, pi, wheels
     assert tree(pi) == before
 
 
-def test_a_person_who_has_the_name_of_the_service_is_left_alone(programs, pi, wheels, capfd):
+def test_an_existing_user_with_the_service_name_is_not_changed(programs, pi, wheels, capfd):
     with (pi / "etc/passwd").open("a") as file:
         file.write("baqueano:x:1001:1001::/home/baqueano:/bin/bash\n")
     before = tree(pi)
@@ -107,7 +107,7 @@ def test_the_service_is_in_no_group_but_those_of_its_devices(programs, pi, wheel
     assert {"sudo", "input"}.isdisjoint(unit.split("SupplementaryGroups=")[1].split("\n")[0].split())
 
 
-def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels, tmp_path):
+def test_groups_added_by_a_later_setup_are_removed_too(programs, pi, wheels, tmp_path):
     group = (pi / "etc/group").read_text()
     (pi / "etc/group").write_text("dialout:x:20:\n")
     setup("r1", wheels, PI, root=str(pi))
@@ -121,7 +121,7 @@ def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels
 
 
 @pytest.mark.parametrize("name", ["baqueano", "pip"])
-def test_su2_a_wheel_that_is_not_the_one_of_the_lock_is_not_installed(programs, pi, wheels, capfd, name):
+def test_su2_a_wheel_with_a_wrong_hash_is_not_installed(programs, pi, wheels, capfd, name):
     setup("r1", wheels, PI, root=str(pi))
     (wheel,) = wheels.glob(f"{name}-*.whl")
     whole = wheel.read_bytes()
@@ -137,7 +137,7 @@ def test_su2_a_wheel_that_is_not_the_one_of_the_lock_is_not_installed(programs, 
 
 
 @pytest.mark.parametrize("path", ["boot/firmware/config.txt", "etc/baqueano/setup.json"])
-def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(pi, monkeypatch, path):
+def test_a_power_cut_during_a_write_leaves_the_old_file(pi, monkeypatch, path):
     store = Pi(pi, pi, "ana", lambda *command: "")
     store.note("something", {"before": "kept"})
     before = (pi / path).read_text()
@@ -151,7 +151,7 @@ def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(
     assert (pi / path).read_text() == before
 
 
-def test_notes_that_are_damaged_are_reported_with_what_to_type(programs, pi, wheels, capfd):
+def test_damaged_setup_notes_are_reported_with_a_remedy(programs, pi, wheels, capfd):
     setup("r1", wheels, PI, root=str(pi))
     (pi / "etc/baqueano/setup.json").write_text('{"boot": tr')
     for verb in (lambda: setup("r1", wheels, PI, root=str(pi)), lambda: remove("r1", PI, root=str(pi))):
@@ -162,7 +162,7 @@ def test_notes_that_are_damaged_are_reported_with_what_to_type(programs, pi, whe
         assert "Traceback" not in errors
 
 
-def test_what_runs_as_root_lies_in_a_folder_that_nobody_made_before(programs, pi, tmp_path):
+def test_root_programs_run_from_a_new_private_folder(programs, pi, tmp_path):
     folder = Path(install.THERE)
     folder.mkdir(mode=0o777)
     (folder / "json.py").write_text("# of somebody else, and imported before Python's own\n")
@@ -172,7 +172,7 @@ def test_what_runs_as_root_lies_in_a_folder_that_nobody_made_before(programs, pi
     assert (tmp_path / "seen").read_text().split() == ["steps.py", "700"]
 
 
-def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wheels):
+def test_an_existing_vehicle_file_is_not_overwritten(programs, pi, wheels):
     vehicle_toml = pi / "var/lib/baqueano/vehicle.toml"
     vehicle_toml.parent.mkdir()
     vehicle_toml.write_text("# calibrated\n")
@@ -192,13 +192,13 @@ def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wh
         ),
     ],
 )
-def test_a_machine_that_cannot_be_a_vehicle_is_reported_why(programs, answer, kind, match):
+def test_an_unsuitable_machine_is_refused_with_a_reason(programs, answer, kind, match):
     programs(ssh=answer)
     with refused(match[0], kind, **match[1]):
         machine_at("r1")
 
 
-def test_the_probe_of_a_machine_needs_only_what_every_pi_has(programs):
+def test_the_probe_reports_python_version_and_user_of_the_machine(programs):
     target = machine_at("r1")
     assert target.python >= (3, 11)
     assert target.user
@@ -207,13 +207,13 @@ def test_the_probe_of_a_machine_needs_only_what_every_pi_has(programs):
 @pytest.mark.parametrize(
     ("verb", "match"), [("setup", ("setup.packages-not-sent", {})), ("remove", ("setup.nothing-sent", {}))]
 )
-def test_a_card_that_takes_nothing_is_reported(programs, wheels, verb, match):
+def test_an_unwritable_card_is_reported(programs, wheels, verb, match):
     programs(ssh="cat >/dev/null; exit 1")
     with refused(match[0], RobotUnreachable, **match[1]):
         setup("r1", wheels, PI) if verb == "setup" else remove("r1", PI)
 
 
-def test_a_bundle_that_cannot_be_made_reports_why_and_what_it_needs(tmp_path, monkeypatch):
+def test_a_failed_download_of_packages_is_reported_with_its_error(tmp_path, monkeypatch):
     python = tmp_path / "python"
     python.write_text("#!/bin/sh\necho 'ERROR: no network' >&2\nexit 1\n")
     python.chmod(0o755)
@@ -222,7 +222,7 @@ def test_a_bundle_that_cannot_be_made_reports_why_and_what_it_needs(tmp_path, mo
         bundle(tmp_path / "bundle", PI)
 
 
-def test_what_was_downloaded_once_is_not_downloaded_again(tmp_path, monkeypatch):
+def test_downloaded_packages_are_not_downloaded_again(tmp_path, monkeypatch):
     python, folder = tmp_path / "python", tmp_path / "bundle"
     python.write_text(f'#!/bin/sh\necho "$*" >>{tmp_path}/calls\n')
     python.chmod(0o755)
@@ -238,7 +238,7 @@ def test_what_was_downloaded_once_is_not_downloaded_again(tmp_path, monkeypatch)
     assert (folder / "steps.py").exists()
 
 
-def test_the_download_asks_for_the_robots_processor_and_python(tmp_path, monkeypatch):
+def test_the_download_requests_packages_for_the_robots_processor_and_python(tmp_path, monkeypatch):
     python = tmp_path / "python"
     python.write_text(f'#!/bin/sh\necho "$*" >>{tmp_path}/calls\n')
     python.chmod(0o755)
@@ -252,16 +252,14 @@ def test_the_download_asks_for_the_robots_processor_and_python(tmp_path, monkeyp
     assert "--require-hashes -r" in line
 
 
-def test_su2_the_lock_of_a_vehicle_holds_what_the_package_needs_there_each_with_hashes():
+def test_su2_the_onboard_lock_contains_all_required_packages_with_hashes():
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text()
     names = {match[1] for match in install.LOCK.finditer(lock)}
     assert names == set(re.findall(r"^([\w.-]+)==", lock, re.MULTILINE))
     assert {"numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip"} <= names
 
 
-def test_a_computer_that_is_not_a_pi_keeps_its_boot_files_and_asks_only_for_groups_that_it_has(
-    programs, pi, wheels, capfd
-):
+def test_setup_on_another_computer_changes_no_boot_file_and_uses_existing_groups(programs, pi, wheels, capfd):
     (pi / "boot/firmware/config.txt").unlink()
     (pi / "etc/group").write_text("dialout:x:20:ana\n")
     setup("r1", wheels, PI, root=str(pi))
@@ -273,7 +271,7 @@ def test_a_computer_that_is_not_a_pi_keeps_its_boot_files_and_asks_only_for_grou
 
 
 @pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="systemd-analyze is not installed")
-def test_systemd_knows_every_line_of_the_unit(tmp_path):
+def test_systemd_accepts_every_line_of_the_unit(tmp_path):
     text = (files("baqueano.robot") / "files" / "baqueano.service").read_text()
     unit = tmp_path / "baqueano.service"
     unit.write_text(
@@ -289,7 +287,7 @@ def test_systemd_knows_every_line_of_the_unit(tmp_path):
     assert done.returncode == 0
 
 
-def test_the_unit_asks_for_what_the_control_loop_needs():
+def test_the_unit_sets_real_time_priority_watchdog_and_restart():
     unit = (files("baqueano.robot") / "files" / "baqueano.service").read_text().splitlines()
     for line in (
         "Type=notify", "WatchdogSec=2", "Restart=always", "RestartSec=2", "StartLimitIntervalSec=0",

@@ -35,7 +35,7 @@ def test_a_host_that_would_be_an_option_is_refused(programs, host):
 @pytest.mark.parametrize(
     ("host", "words"), [("me@r1", "-- me@r1"), ("me@r1:2222", "-p 2222 -- me@r1"), ("r1", "-- r1")]
 )
-def test_what_stands_behind_the_dashes_is_the_host(host, words):
+def test_the_host_follows_the_double_dash_in_ssh_commands(host, words):
     assert f" {words} true" in " ".join(ssh.ssh(host, "true"))
     assert f" {words} exec baqueano" in " ".join(remote._ssh(host))
 
@@ -49,7 +49,7 @@ def test_what_stands_behind_the_dashes_is_the_host(host, words):
         lambda: deployed_vehicle_file.renewed("r1", None),
     ],
 )
-def test_no_command_for_the_terminal_comes_through_ssh(programs, capfd, go):
+def test_ssh_output_cannot_send_terminal_control_codes(programs, capfd, go):
     programs(ssh=r"printf 'why: \033]0;pwned\007 \342\200\256 \302\233 end\n' >&2; exit 3")
     with pytest.raises(Exception, match="r1"):
         go()
@@ -58,13 +58,13 @@ def test_no_command_for_the_terminal_comes_through_ssh(programs, capfd, go):
     assert "\x1b" not in output
 
 
-def test_the_steps_of_a_setup_are_shown_without_commands_for_the_terminal(programs, capfd):
+def test_setup_steps_are_printed_without_terminal_control_codes(programs, capfd):
     programs(ssh=r"printf 'done \033[2J step\r\n[sudo] password: '; exit 0")
     install._steps("r1", ["do"], as_root=True)
     assert capfd.readouterr().out == "done \\x1b[2J step\n[sudo] password: "
 
 
-def test_an_answer_without_an_end_is_not_kept(programs, monkeypatch):
+def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
     monkeypatch.setattr(ssh, "LONGEST", 1 << 20)
     programs(ssh="yes")
     for go in (lambda: exclusive_hardware.there("r1", "robot", "doctor"), lambda: install.machine_at("r1")):
@@ -72,7 +72,7 @@ def test_an_answer_without_an_end_is_not_kept(programs, monkeypatch):
             go()
 
 
-def test_ne7_what_is_sent_arrives_whole(programs, tmp_path):
+def test_ne7_data_sent_over_ssh_arrive_complete(programs, tmp_path):
     programs(ssh=f"cat >{tmp_path / 'came'}; exit 7")
     data = bytes(range(256)) * 4096
     assert ssh.run(ssh.ssh("r1", "x"), data) == (b"", 7)

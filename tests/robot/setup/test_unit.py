@@ -32,7 +32,7 @@ def service():
     return parser["Service"]
 
 
-def test_it_keeps_its_real_time_and_its_watchdog(service):
+def test_the_unit_has_real_time_priority_and_a_watchdog(service):
     assert service["CPUSchedulingPolicy"] == "fifo"
     assert int(service["LimitRTPRIO"]) >= int(service["CPUSchedulingPriority"])
     assert service["LimitMEMLOCK"] == "infinity"
@@ -52,11 +52,11 @@ def test_it_keeps_its_real_time_and_its_watchdog(service):
         ("DevicePolicy", "closed"),
     ],
 )
-def test_a_block_reaches_nothing_but_its_own_vehicle(service, key, value):
+def test_a_block_can_access_only_its_own_vehicle(service, key, value):
     assert service[key] == value
 
 
-def test_it_writes_where_systemd_makes_folders_for_it(service):
+def test_the_unit_writes_only_to_folders_made_by_systemd(service):
     assert service["StateDirectory"] == service["RuntimeDirectory"] == service["CacheDirectory"] == "baqueano"
     start = service["ExecStart"]
     paths = re.findall(r"--(?:vehicle|runs|door) (\S+)", start)
@@ -65,13 +65,13 @@ def test_it_writes_where_systemd_makes_folders_for_it(service):
     assert "XDG_CACHE_HOME=/var/cache/baqueano" in service["Environment"]
 
 
-def test_it_opens_the_devices_that_the_drivers_open(service):
+def test_the_unit_allows_the_devices_of_the_drivers(service):
     devices = service["DeviceAllow"]
     assert all(name in devices for name in ("char-ttyACM", "char-ttyUSB", "char-i2c", "/dev/gpiomem"))
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="this system has no systemd-analyze")
-def test_systemd_finds_it_hardened(tmp_path):
+def test_systemd_rates_the_unit_as_hardened(tmp_path):
     unit = tmp_path / "baqueano.service"
     unit.write_text(UNIT.read_text().replace("@user@", "pilot").replace("@groups@", "dialout i2c"))
     process = subprocess.run(

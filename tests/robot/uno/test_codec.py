@@ -1,4 +1,4 @@
-"""The codec: what was sent whole arrives whole, what was damaged does not arrive."""
+"""The codec: intact frames arrive complete, and damaged frames do not arrive."""
 
 import random
 from binascii import crc_hqx
@@ -31,14 +31,14 @@ def test_checksum_is_that_of_the_catalogue():
 
 
 @given(st.binary(max_size=LONGEST - 1))
-def test_stuffing_hides_every_zero_and_comes_undone(body):
+def test_byte_stuffing_removes_every_zero_and_is_reversible(body):
     stuffed = stuff(body)
     assert 0 not in stuffed
     assert len(stuffed) == len(body) + 1
     assert unstuff(stuffed) == body
 
 
-def test_stop_is_these_bytes():
+def test_the_stop_frame_has_fixed_bytes():
     """By hand: kind 4, sequence 0 becomes a distance, CRC of 04 00."""
     wire = encode(Stop(), 0)
     assert wire == bytes.fromhex("00 02 04 03") + wire[4:6] + b"\0"
@@ -46,7 +46,7 @@ def test_stop_is_these_bytes():
 
 
 @given(st.lists(st.integers(0, 255), min_size=1, max_size=20), st.randoms(use_true_random=False))
-def test_frames_cut_anywhere_arrive_in_order(sequences, chance):
+def test_frames_received_in_any_parts_are_decoded_in_order(sequences, chance):
     wire = b"".join(encode(Ping(seq * 7919), seq) for seq in sequences)
     decoder, frames_received = Decoder(), []
     while wire:
@@ -58,11 +58,11 @@ def test_frames_cut_anywhere_arrive_in_order(sequences, chance):
 
 
 @given(st.binary(min_size=1, max_size=300))
-def test_fw6_noise_before_a_frame_costs_the_frame_nothing(noise):
+def test_fw6_noise_before_a_frame_does_not_lose_the_frame(noise):
     assert Decoder().feed(noise + encode(DRIVE, 3))[-1] == ReceivedFrame(3, DRIVE)
 
 
-def test_noise_without_an_end_is_not_kept():
+def test_endless_noise_does_not_fill_the_buffer():
     decoder = Decoder()
     for _ in range(100):
         decoder.feed(b"\x55" * 1000)
@@ -76,7 +76,7 @@ def test_second_check_is_that_of_the_catalogue():
     assert seal(b"123456789") == 0xD0DB
 
 
-def test_a_command_whose_first_check_was_made_to_fit_is_still_refused():
+def test_a_command_with_a_forged_first_check_is_refused():
     """What a heavily damaged frame looks like that passed CRC-16 by luck."""
     body = bytes([0x01, 3]) + pack(DRIVE) + b"\x12\x34"
     wire = b"\0" + stuff(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
@@ -95,7 +95,7 @@ def test_the_two_checks_share_no_factor():
     assert a == 1
 
 
-def test_no_frame_with_up_to_three_bits_changed_is_believed():
+def test_frames_with_up_to_three_changed_bits_are_refused():
     """The polynomial has Hamming distance 4 at these lengths; the length of a COBS run is no part of that."""
     chance = random.Random(3)
     clean = encode(STATE, 9)
@@ -108,18 +108,18 @@ def test_no_frame_with_up_to_three_bits_changed_is_believed():
     assert accepted_count == 0
 
 
-def test_a_whole_frame_of_an_unknown_kind_or_length_is_counted_and_ignored():
+def test_a_frame_of_unknown_kind_or_length_is_counted_and_ignored():
     decoder = Decoder()
     assert decoder.feed(encode(Ping(1), 1, kind=0x7F) + framed(0x01, 1, pack(Ping(1)))) == []
     assert (decoder.bad_crc, decoder.bad_shape) == (0, 2)
 
 
-def test_a_kind_shared_by_two_directions_is_distinguished_on_the_wire():
+def test_frame_kinds_differ_between_the_two_directions():
     assert Decoder().feed(encode(Settings(), 1, kind=0x86)) == [ReceivedFrame(1, Settings())]
     assert encode(Settings(), 1, kind=0x86) != encode(Settings(), 1)
 
 
-def test_a_number_that_the_firmware_refuses_is_not_sent():
+def test_a_value_out_of_range_is_not_sent():
     with refused("uno.number-range", UsageError, frame="Config", number=49, least=50, most=1000):
         encode(Config(dead_man_ms=49), 0)
     with refused("uno.number-range", UsageError, frame="Drive", number=1001):

@@ -1,4 +1,4 @@
-"""A million damaged frames from the Uno: what 16 bits of CRC see is refused, nothing raises, whole ones still arrive.
+"""A million damaged frames from the Uno: the CRC of 16 bits refuses them, nothing raises, and intact frames arrive.
 
 Telemetry has one CRC: it sees each damage of up to three bits and each burst of up to 16, of the rest it lets one pass
 in 65 536. A command has two, and there none passes (tests/emulated/test_damage.py).
@@ -17,7 +17,7 @@ AT_ONCE = 65_536  # bytes in one read
 
 
 def telemetry(k, rng):
-    """What could be said at time k."""
+    """The possible telemetry at time k."""
     sums, duties = rng.integers(-(1 << 20), 1 << 20, 4).tolist(), rng.integers(-1000, 1001, 2).tolist()
     return State(
         10_000 * k, int(rng.integers(1 << 31)), *sums, *duties, 7400 + k % 50, 3, 7, k & 0xFF, 1, 0, 0, 0, 0
@@ -125,7 +125,7 @@ DAMAGE = {  # name: (what it does, whether a CRC of 16 bits sees all of it)
 }
 
 
-def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(frames_sent, whole):
+def test_a_16_bit_crc_accepts_few_of_a_million_damaged_frames(frames_sent, whole):
     rng, line = np.random.default_rng(2026), Line()
     uno = Uno(line, lambda: line.now_ns)
     uno._decoder = Kept()
@@ -142,4 +142,4 @@ def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(fram
     assert sum(wrong.values()) <= len(DAMAGE) * EACH / 65_536, wrong  # measured: 6 of 15
     line.say(info())
     line.say(state(10))
-    assert uno.receive(), "what is whole is still heard"
+    assert uno.receive(), "intact frames are still received"

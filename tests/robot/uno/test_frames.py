@@ -31,7 +31,7 @@ def any_frame() -> st.SearchStrategy[frames.Frame]:
 
 
 @given(any_frame())
-def test_what_was_packed_is_unpacked(frame):
+def test_packing_and_unpacking_return_the_same_frame(frame):
     assert frames.unpack(type(frame), frames.pack(frame)) == frame
     assert frames.outside(frame) is None
 
@@ -60,13 +60,13 @@ def test_a_number_out_of_range_is_named_with_its_place():
     assert fault == ("ways[3].slope_permille", 99, Within(100, 3000))
 
 
-def test_a_number_without_a_range_is_held_to_its_width():
+def test_a_number_without_a_range_is_limited_by_its_width():
     assert frames.outside(frames.Ping(1 << 32)) == ("token", 1 << 32, Within(0, (1 << 32) - 1))
     assert frames.outside(frames.Pong(0, -1)) is not None
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler to ask")
-def test_a_c_compiler_lays_each_frame_out_as_python_does(tmp_path):
+def test_c_and_python_lay_out_each_frame_alike(tmp_path):
     lines = []
     for layout in LAYOUTS:
         name = snake(layout.__name__)

@@ -1,4 +1,4 @@
-"""What the host says to the Uno and makes of what it hears, on a line that the test holds in its hands."""
+"""The messages of the host to the Uno and its reaction to answers, on a line that the test controls."""
 
 import numpy as np
 import pytest
@@ -72,7 +72,7 @@ def uno(line):
     return uno
 
 
-def test_nothing_drives_before_it_is_armed_and_arming_asks_for_no_motion(line, uno):
+def test_no_command_is_sent_before_arming_and_arming_sends_zero_duty(line, uno):
     uno.drive(0.5, 0.5)
     assert not line.drives()
     assert uno.statistics.unsent == 1
@@ -81,7 +81,7 @@ def test_nothing_drives_before_it_is_armed_and_arming_asks_for_no_motion(line, u
     assert line.drives() == [Drive(7, 0, 0, DriveFlag.ARM), Drive(7, 250, -1000, DriveFlag.ARM)]
 
 
-def test_the_sequence_goes_on_from_the_command_that_the_firmware_obeyed_last(line, uno):
+def test_sequence_numbers_continue_from_the_last_executed_command(line, uno):
     line.say(state(10, seq=200))
     uno.pump()
     uno.arm()
@@ -90,7 +90,7 @@ def test_the_sequence_goes_on_from_the_command_that_the_firmware_obeyed_last(lin
 
 
 @pytest.mark.parametrize("count_refused", [65, 200, 255])
-def test_after_commands_that_never_were_obeyed_it_goes_on_from_the_last_that_was(line, uno, count_refused):
+def test_sequence_numbers_continue_from_the_last_executed_command_after_refusals(line, uno, count_refused):
     uno.arm()
     line.say(state(10, flags=StateFlag.ARMED, seq=1))
     uno.pump()
@@ -102,7 +102,7 @@ def test_after_commands_that_never_were_obeyed_it_goes_on_from_the_last_that_was
     assert line.sent[-1][1] == 2
 
 
-def test_commands_that_are_still_on_their_way_are_not_numbered_again(line, uno):
+def test_sequence_numbers_of_commands_in_transit_are_not_reused(line, uno):
     uno.arm()
     for _ in range(30):  # 0.3 s of a loop, telemetry as rare as it can be set
         uno.drive(0.1, 0.1)
@@ -112,7 +112,7 @@ def test_commands_that_are_still_on_their_way_are_not_numbered_again(line, uno):
     assert line.sent[-1][1] == 32
 
 
-def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, uno):
+def test_applied_duty_is_the_mean_between_frames_despite_a_lost_frame(line, uno):
     line.say(state(10))
     line.seq += 1  # a frame that never comes
     line.say(state(30, sums=(20 * 400, -20 * 100)))
@@ -121,13 +121,13 @@ def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, u
     assert uno.statistics.lost == 1
 
 
-def test_sums_that_wrap_are_not_a_leap(line, uno):
+def test_a_counter_overflow_is_not_a_jump(line, uno):
     line.say(state(10, sums=((1 << 31) - 1000, 0)))
     line.say(state(20, sums=(-(1 << 31) + 2000, 0)))
     assert uno.receive()[-1].applied[0] == pytest.approx(0.3)
 
 
-def test_fw7_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
+def test_fw7_a_reset_disarms_with_its_cause_until_armed_again(line, uno):
     uno.arm()
     line.say(state(10, flags=StateFlag.ARMED))
     uno.pump()
@@ -162,7 +162,7 @@ def test_every_reason_of_the_firmware_is_reported(line, uno, flags, code, figure
     assert (stop_reason.code, stop_reason.figures) == (code, figures)
 
 
-def test_arming_that_was_lost_is_reported_again_before_each_command_until_telemetry_shows_it(line, uno):
+def test_a_lost_arming_frame_is_sent_again_until_telemetry_confirms(line, uno):
     uno.arm()
     line.now_ns = 5 * MS
     line.say(state(5))  # made before the frame that arms could be there
@@ -182,7 +182,7 @@ def test_arming_that_was_lost_is_reported_again_before_each_command_until_teleme
     assert line.drives() == [Drive(7, 200, 200, DriveFlag.ARM)]
 
 
-def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
+def test_rare_telemetry_leaves_time_to_confirm_arming(line, uno):
     """Over a noisy line the first telemetry may come long after arming was lost."""
     uno.arm()
     for t_ms, trouble in [(400, False), (590, False), (610, True)]:
@@ -192,25 +192,25 @@ def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
         assert (stop_reason is not None and stop_reason.code == StopReason.UNO_DEAF) == trouble
     uno.arm()
     line.say(state(620))
-    assert uno.receive()[-1].stopped is None, "it is told anew, and has as long"
+    assert uno.receive()[-1].stopped is None, "arming is sent again, with a new timeout"
 
 
 @pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
-def test_rt4_a_duty_that_is_not_a_number_moves_nothing(line, uno, duty):
+def test_rt4_a_nan_duty_does_not_move_the_motors(line, uno, duty):
     uno.arm()
     uno.drive(duty, 0.5)
     uno.drive(0.5, np.float64(duty))
     assert line.drives()[1:] == [Drive(7, 0, 500, DriveFlag.ARM), Drive(7, 500, 0, DriveFlag.ARM)]
 
 
-def test_stop_is_sent_at_once_and_commands_after_it_are_not(line, uno):
+def test_a_stop_is_sent_immediately_and_later_commands_are_not_sent(line, uno):
     uno.arm()
     uno.stop()
     uno.drive(0.5, 0.5)
     assert isinstance(line.sent[-1][0], Stop)
 
 
-def test_a_line_that_is_gone_is_counted_and_raises_nothing(line, uno):
+def test_a_lost_serial_line_is_counted_without_an_exception(line, uno):
     uno.arm()
     line.broken = True
     uno.drive(0.5, 0.5)
@@ -218,7 +218,7 @@ def test_a_line_that_is_gone_is_counted_and_raises_nothing(line, uno):
     assert uno.statistics.unsent == 1
 
 
-def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_half_a_percent_off(line, uno):
+def test_telemetry_timestamps_compensate_a_resonator_error_of_half_a_percent(line, uno):
     rng = np.random.default_rng(3)
     offset_us, rate = 123_456_789, 0.995
     errors = []
@@ -241,7 +241,7 @@ def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_ha
     assert np.std(errors) < 0.5 * MS
 
 
-def test_a_question_nobody_answers_ends_and_says_what_to_do(line, uno):
+def test_a_request_without_an_answer_ends_with_an_error(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)
 
@@ -250,7 +250,7 @@ def test_a_question_nobody_answers_ends_and_says_what_to_do(line, uno):
     assert line.now_ns < 1.1e9
 
 
-def test_a_question_whose_answers_are_damaged_says_that_the_line_is_noisy(line, uno):
+def test_damaged_answers_to_a_request_are_reported_as_a_noisy_line(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)
         line.coming += b"\0\x05damaged\0"
@@ -259,7 +259,7 @@ def test_a_question_whose_answers_are_damaged_says_that_the_line_is_noisy(line, 
         uno.settings(wait)
 
 
-def test_a_configuration_that_the_firmware_did_not_take_is_not_a_success(line, uno):
+def test_a_configuration_that_the_firmware_refused_is_an_error(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)
         line.say(info(config=CONFIG._replace(dead_man_ms=250)))
@@ -269,14 +269,14 @@ def test_a_configuration_that_the_firmware_did_not_take_is_not_a_success(line, u
     assert any(isinstance(frame, Config) for frame, _ in line.sent)
 
 
-def test_a_line_that_was_opened_again_is_asked_who_is_there(line, uno):
+def test_a_reopened_line_requests_the_identity_of_the_uno(line, uno):
     uno.reopened()
     line.now_ns += 200 * MS
     uno.pump()
     assert any(isinstance(frame, AskInfo) for frame, _ in line.sent)
 
 
-def test_a_line_that_was_opened_again_on_an_uno_that_was_reset_has_its_new_clock(line, uno):
+def test_reopening_the_line_resets_the_clock_estimate_of_the_uno(line, uno):
     """Opening the port resets an Uno: its clock begins at 0 again."""
     for k in range(1, 100):
         line.now_ns = k * 10 * MS
@@ -297,7 +297,7 @@ def test_a_line_that_was_opened_again_on_an_uno_that_was_reset_has_its_new_clock
     assert uno.statistics.lost == 0
 
 
-def test_what_a_person_cleared_keeps_no_drive_from_beginning(line, uno):
+def test_a_cleared_stop_does_not_block_the_next_drive(line, uno):
     uno.arm()
     line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
     line.say(state(5, nonce=9))
@@ -307,10 +307,10 @@ def test_what_a_person_cleared_keeps_no_drive_from_beginning(line, uno):
     assert uno.receive()[-1].stopped is None
     line.say(state(25, nonce=9, flags=StateFlag.STOPPED))
     uno.clear_stop()
-    assert uno.receive()[-1].stopped.code == StopReason.UNO_LATCHED, "what is wrong still is told again"
+    assert uno.receive()[-1].stopped.code == StopReason.UNO_LATCHED, "a persistent fault is reported again"
 
 
-def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_believed(line, uno):
+def test_repeated_or_out_of_order_telemetry_is_counted_and_discarded(line, uno):
     line.say(info())
     line.say(state(10, left=100))
     line.coming += line.coming
@@ -323,7 +323,7 @@ def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_beli
     assert (uno.statistics.late, uno.statistics.lost) == (3, 1)
 
 
-def test_telemetry_that_an_answer_overtook_is_new_all_the_same(line, uno):
+def test_telemetry_overtaken_by_an_answer_is_accepted(line, uno):
     line.say(state(10))
     line.seq += 1
     line.say(Pong(99, 12_000))
@@ -341,7 +341,7 @@ def test_telemetry_after_a_long_silence_is_received_whatever_its_sequence(line, 
     assert uno.statistics.lost == 200
 
 
-def test_nothing_was_measured_after_it_was_heard(line, uno):
+def test_telemetry_timestamps_are_never_later_than_their_arrival(line, uno):
     """A damaged stamp that passed must not make the next silence unseen."""
     line.say(state(10))
     line.now_ns = 200 * MS
@@ -352,7 +352,7 @@ def test_nothing_was_measured_after_it_was_heard(line, uno):
     assert uno.receive()[-1].t_ns <= line.now_ns + 1
 
 
-def test_half_a_million_damaged_bytes_are_not_telemetry():
+def test_half_a_million_damaged_bytes_give_no_telemetry():
     line = Line()
     uno = Uno(line, lambda: line.now_ns)
     rng = np.random.default_rng(5)

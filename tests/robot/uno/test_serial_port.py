@@ -1,4 +1,4 @@
-"""Real pyserial over a pty: writes are bounded, a line that was pulled comes back, errors say what to type."""
+"""Real pyserial over a pty: writes are bounded, a disconnected line returns, and errors contain a remedy."""
 
 import contextlib
 import errno
@@ -34,11 +34,11 @@ def ends():
     [(errno.EACCES, "group dialout"), (errno.EAGAIN, "in use by another program"), (errno.EBUSY, "in use"),
      (errno.ENOENT, "Is the cable plugged in")],
 )  # fmt: skip
-def test_a_line_that_cannot_be_opened_is_reported_by_the_number_of_its_error(number, words):
+def test_an_unopened_line_is_reported_by_its_error_number(number, words):
     assert words in serial_port._refusal("/dev/ttyUSB0", OSError(number, "in whatever language"))
 
 
-def test_bytes_go_both_ways_and_reading_does_not_wait(ends):
+def test_bytes_pass_in_both_directions_and_reading_does_not_block(ends):
     master, path = ends
     port = SerialPort(path)
     port.open()
@@ -51,7 +51,7 @@ def test_bytes_go_both_ways_and_reading_does_not_wait(ends):
     port.close()
 
 
-def test_rt10_a_line_that_takes_nothing_ends_a_write_soon(ends):
+def test_rt10_a_write_to_a_blocked_line_ends_soon(ends):
     _, path = ends
     port = SerialPort(path)
     port.open()
@@ -66,7 +66,7 @@ def test_rt10_a_line_that_takes_nothing_ends_a_write_soon(ends):
     assert min(refusal_times) < 0.1  # WRITE_S is 0.01 s; the machine is not loaded in all of them
 
 
-def test_rt10_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
+def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
     monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
     _, path = ends
     port, done, port_open = SerialPort(path), threading.Event(), threading.Event()
@@ -102,7 +102,7 @@ def test_no_line_and_several_lines_are_distinguished(monkeypatch):
     assert find_port("/dev/ttyACM3") == "/dev/ttyACM3"
 
 
-def test_a_line_is_opened_before_its_service_is_loaded_and_given_back(tmp_path):
+def test_a_line_opened_before_the_service_is_closed_on_request(tmp_path):
     master, slave = pty.openpty()
     tty.setraw(slave)
     file = tmp_path / "vehicle.toml"
@@ -121,7 +121,7 @@ def test_a_line_is_opened_before_its_service_is_loaded_and_given_back(tmp_path):
 @pytest.mark.parametrize(
     "text", [None, "[robot", 'robot = "Uno"', "[robot]\nport = 3", '[robot]\nport = "/dev/none"']
 )
-def test_a_file_or_a_line_that_is_not_there_is_left_to_the_service_to_tell(tmp_path, text):
+def test_a_missing_file_or_line_raises_no_error_before_the_service(tmp_path, text):
     file = tmp_path / "vehicle.toml"
     if text is not None:
         file.write_text(text)

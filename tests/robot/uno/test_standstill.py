@@ -29,7 +29,7 @@ def armed(line, dead_man_ms=300):
 
 
 @pytest.mark.parametrize("dead_man_ms", [50, 300, 1000])
-def test_rt2_a_gap_of_the_dead_mans_time_drives_on_and_a_longer_one_disarms(line, dead_man_ms):
+def test_rt2_a_gap_longer_than_the_command_timeout_disarms(line, dead_man_ms):
     uno = armed(line, dead_man_ms)
     line.now_ns += dead_man_ms * MS
     uno.drive(0.5, 0.5)
@@ -47,14 +47,14 @@ def test_rt2_a_gap_of_the_dead_mans_time_drives_on_and_a_longer_one_disarms(line
     assert uno.stood_still() is None
 
 
-def test_the_reason_says_for_how_long_and_when_the_motors_went_off(line):
+def test_the_stop_reason_contains_the_gap_and_the_command_timeout(line):
     uno = armed(line)
     line.now_ns += 800 * MS
     assert uno.stood_still().figures == {"still_s": 0.8, "dead_man_s": 0.3}
 
 
 @pytest.mark.parametrize("outcome", ["nothing", "well", "dead man", "disarmed"])
-def test_telemetry_of_the_time_in_between_changes_nothing(line, outcome):
+def test_telemetry_buffered_during_a_gap_does_not_prevent_disarming(line, outcome):
     flags = {"well": StateFlag.ARMED, "dead man": StateFlag.ARMED | StateFlag.DEAD_MAN, "disarmed": 0}
     uno = armed(line)
     line.now_ns += 800 * MS
@@ -68,7 +68,7 @@ def test_telemetry_of_the_time_in_between_changes_nothing(line, outcome):
     assert line.drives() == [Drive(7, 0, 0, 0)]
 
 
-def test_nobody_stands_still_while_nothing_is_armed(line):
+def test_a_gap_without_arming_is_not_reported(line):
     uno = armed(line)
     uno.disarm()
     line.now_ns += 60_000 * MS
@@ -77,11 +77,11 @@ def test_nobody_stands_still_while_nothing_is_armed(line):
     assert uno.trouble is None
 
 
-def test_the_time_of_a_suspended_computer_counts(monkeypatch):
+def test_the_time_in_suspend_counts_as_a_gap(monkeypatch):
     assert boot_ns() >= time.monotonic_ns() - 1_000_000_000
     now = [0]
     monkeypatch.setattr("baqueano.robot.uno.standstill.boot_ns", lambda: now[0])
     stand = Standstill()
     stand.driven()
-    now[0] = 3_600_000 * MS  # asleep for an hour, of which CLOCK_MONOTONIC knows nothing
+    now[0] = 3_600_000 * MS  # asleep for an hour, which CLOCK_MONOTONIC does not count
     assert stand.look(300).figures["still_s"] == 3600.0

@@ -1,4 +1,4 @@
-"""What `baqueano robot doctor` says of a machine, from its files in a folder, and how it puts it."""
+"""The checks of `baqueano robot doctor` on the files of a machine in a folder, and their text."""
 
 import os
 import time
@@ -27,27 +27,27 @@ def put_file(root, path, text):
         ("0x50005", "bad", "under 4.63 V now, throttled now, was under 4.63 V, was throttled"),
     ],
 )
-def test_the_supply_of_a_pi_is_reported_from_its_bits(tmp_path, bits, verdict, figure):
+def test_the_supply_state_of_a_pi_is_decoded(tmp_path, bits, verdict, figure):
     put_file(tmp_path, doctor.THROTTLED, bits + "\n")
     assert only(doctor.power(tmp_path))[1:3] == (verdict, figure)
 
 
 @pytest.mark.parametrize("look", [doctor.power, doctor.temperature, doctor.governor])
-def test_what_this_machine_does_not_tell_is_unknown_and_not_held_against_it(tmp_path, look):
+def test_unavailable_readings_are_unknown_and_do_not_lower_the_verdict(tmp_path, look):
     check = only(look(tmp_path))
     assert check.verdict == "unknown"
     assert "this machine" in check.figure
     assert Report([check]).verdict == "ok"
 
 
-def test_heat_and_a_clock_that_steps_are_warned_of(tmp_path):
+def test_high_temperature_and_a_stepping_clock_give_warnings(tmp_path):
     put_file(tmp_path, "sys/class/thermal/thermal_zone0/temp", "81000\n")
     put_file(tmp_path, "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "ondemand\n")
     assert only(doctor.temperature(tmp_path))[1:3] == ("warn", "81 °C")
     assert only(doctor.governor(tmp_path))[1:3] == ("warn", "ondemand")
 
 
-def test_a_user_outside_a_group_is_reported_how_to_join_it(tmp_path, monkeypatch):
+def test_a_user_outside_a_group_gets_the_command_to_join(tmp_path, monkeypatch):
     put_file(tmp_path, "etc/group", "root:x:0:\ndialout:x:20:\ni2c:x:998:\n")
     monkeypatch.setattr(os, "getgroups", lambda: [20])
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
@@ -59,13 +59,13 @@ def test_a_user_outside_a_group_is_reported_how_to_join_it(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize(("least_mb", "verdict"), [(1e-6, "ok"), (1e12, "bad")])
-def test_room_for_runs_is_looked_at_where_they_will_be(tmp_path, least_mb, verdict):
+def test_free_disk_space_is_checked_in_the_folder_of_runs(tmp_path, least_mb, verdict):
     check = only(doctor.disk(tmp_path / "not" / "yet", least_mb))
     assert check.verdict == verdict
     assert str(tmp_path) in check.figure
 
 
-def test_a_date_before_this_program_is_not_believed():
+def test_a_date_earlier_than_the_program_is_refused():
     assert only(doctor.clock(lambda: 0.0)).verdict == "warn"
     assert only(doctor.clock(time.time)).verdict == "ok"
 
@@ -75,7 +75,7 @@ def test_a_battery_is_judged_by_its_limit():
     assert uno_checks.battery(6.0, 0.0).verdict == "unknown"
 
 
-def test_real_time_and_jitter_tell_a_figure_and_leave_the_priority_as_it_was():
+def test_real_time_and_jitter_checks_restore_the_priority():
     before = os.sched_getscheduler(0)
     assert "SCHED_FIFO" in only(doctor.realtime()).figure
     texts = []
@@ -86,7 +86,7 @@ def test_real_time_and_jitter_tell_a_figure_and_leave_the_priority_as_it_was():
     assert os.sched_getscheduler(0) == before
 
 
-def test_a_refused_priority_is_a_warning_that_names_who_has_it(monkeypatch):
+def test_a_refused_priority_is_a_warning_that_names_systemd(monkeypatch):
     def refuse(*arguments):
         raise PermissionError(1, "Operation not permitted")
 
@@ -96,7 +96,7 @@ def test_a_refused_priority_is_a_warning_that_names_who_has_it(monkeypatch):
     assert "systemd" in check.remedy
 
 
-def test_the_report_tells_what_to_do_below_what_is_not_well():
+def test_the_report_prints_a_remedy_below_each_failed_check():
     report = Report(
         [
             Check("a", "ok", "1", "unused"),
@@ -112,7 +112,7 @@ def test_the_report_tells_what_to_do_below_what_is_not_well():
     assert [row["verdict"] for row in report.rows()] == ["ok", "warn", "bad"]
 
 
-def test_hardware_that_is_not_there_is_bad_and_not_the_end(tmp_path, monkeypatch):
+def test_missing_hardware_is_a_bad_check_and_not_an_exception(tmp_path, monkeypatch):
     from baqueano import vehicle_file
     from baqueano.robot.uno import serial_port
 

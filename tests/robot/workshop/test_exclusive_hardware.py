@@ -45,7 +45,7 @@ def programs(tmp_path, monkeypatch):
     return put_scripts
 
 
-def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
+def test_a_running_service_is_stopped_and_started_again(programs):
     calls, texts = programs(systemctl="exit 0", sudo='shift; exec "$@"'), []
     with exclusive_hardware.service_off(texts.append):
         assert "systemctl stop baqueano.service" in calls.read_text()
@@ -54,7 +54,7 @@ def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
     assert texts == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
 
 
-def test_a_service_that_does_not_start_again_is_reported_with_what_to_type(programs):
+def test_a_service_that_does_not_restart_is_reported_with_a_command(programs):
     programs(systemctl='case "$1" in start) echo Unit is masked. >&2; exit 1;; esac', sudo='shift; exec "$@"')
     texts = []
     with exclusive_hardware.service_off(texts.append):
@@ -65,14 +65,14 @@ def test_a_service_that_does_not_start_again_is_reported_with_what_to_type(progr
     ]
 
 
-def test_a_service_that_does_not_run_is_left_alone(programs):
+def test_a_stopped_service_is_not_started(programs):
     calls = programs(systemctl="exit 3")
     with exclusive_hardware.service_off(print):
         pass
     assert "stop" not in calls.read_text()
 
 
-def test_a_user_who_may_not_stop_the_service_is_reported_what_to_type(programs):
+def test_a_user_without_rights_to_stop_the_service_is_refused(programs):
     programs(systemctl="exit 0", sudo="echo a password is required >&2; exit 1")
     with refused("hardware.service-has-it", UsageError, error="a password is required"):
         exclusive_hardware.service_off(print).__enter__()
@@ -91,13 +91,13 @@ def test_a_user_who_may_not_stop_the_service_is_reported_what_to_type(programs):
         (137, RobotUnreachable, "ended there, for the reason above"),
     ],
 )
-def test_what_went_wrong_at_a_host_is_reported_here(programs, code, kind, match):
+def test_an_error_at_a_host_is_raised_locally(programs, code, kind, match):
     programs(ssh=f"exit {code}")
     with pytest.raises(kind, match=match):
         exclusive_hardware.there("r1", "robot", "doctor")
 
 
-def test_what_was_interrupted_at_a_host_is_interrupted_here(programs):
+def test_an_interruption_at_a_host_interrupts_the_local_command(programs):
     programs(ssh="exit 130")
     with pytest.raises(KeyboardInterrupt):
         exclusive_hardware.there("r1", "robot", "doctor")
@@ -107,18 +107,18 @@ def test_what_was_interrupted_at_a_host_is_interrupted_here(programs):
     ("host", "match"),
     [("emulated", ("ssh.no-hardware", {"host": "emulated"})), ("/dev/ttyUSB0", ("ssh.not-a-host", {}))],
 )
-def test_what_is_not_a_computer_is_reported_before_ssh_is_asked(host, match):
+def test_an_invalid_host_is_refused_before_ssh_starts(host, match):
     with refused(match[0], UsageError, **match[1]):
         exclusive_hardware.there(host, "robot", "doctor")
 
 
-def test_a_port_goes_to_ssh_as_it_wants_it(programs):
+def test_a_port_is_passed_to_ssh_as_an_option(programs):
     calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
     assert exclusive_hardware.there("me@r1:2222", "robot", "doctor") == []
     assert "-p 2222 -- me@r1 baqueano robot doctor --json" in calls.read_text()
 
 
-def test_signs_of_life_go_to_a_host_and_what_is_reported_there_comes_back(programs, monkeypatch):
+def test_heartbeats_reach_the_host_and_its_result_returns(programs, monkeypatch):
     monkeypatch.setattr(remote_session, "BEAT_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
     assert exclusive_hardware.there("r1", "robot", "doctor") == [{"a": 1}]
@@ -134,7 +134,7 @@ DOCTOR = (
     ("ending_s", "ssh", "message"),
     [(60, "cat >/dev/null; echo last words >&2", "last words"), (0.1, "exec sleep 1000", "")],
 )
-def test_ctrl_c_here_ends_what_is_done_there_and_waits_for_its_last_words(programs, ending_s, ssh, message):
+def test_ctrl_c_ends_the_remote_program_and_waits_for_its_output(programs, ending_s, ssh, message):
     calls = programs(ssh=f"read sign; echo $$ >>$0.pid; {ssh}")
     pid = Path(calls.parent / "ssh.pid")
     with subprocess.Popen(
@@ -166,9 +166,7 @@ def exit_code(arguments):
     return exit_info.value.code
 
 
-def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
-    programs, tmp_path, monkeypatch, capsys
-):
+def test_an_imu_calibration_at_a_host_updates_the_local_file(programs, tmp_path, monkeypatch, capsys):
     calls = at_host(programs, MOUNTED.rows())
     monkeypatch.chdir(tmp_path)
     vehicle_file.load("small").save("vehicle.toml")
@@ -180,7 +178,7 @@ def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
     assert "-y, x, z" in capsys.readouterr().out
 
 
-def test_motors_at_a_host_are_reported_here(programs, tmp_path, monkeypatch, capsys):
+def test_a_motor_test_at_a_host_is_reported_locally(programs, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     motors = Motors(
         Settings(1, ways=(Way(300, 700, 0),) * 4),
@@ -203,12 +201,12 @@ def test_a_doctor_at_a_host_ends_with_its_verdict(programs, verdict, code, capsy
     assert "→ wait" in capsys.readouterr().out
 
 
-def test_flash_at_a_host_writes_the_package_that_is_there(programs, capsys):
+def test_flashing_at_a_host_prints_the_firmware_of_the_host(programs, capsys):
     at_host(programs, [{"port": "/dev/ttyACM0", "bytes": 5916, "version": "1.0.0", "boots": 7}])
     assert exit_code(["robot", "flash", "r1"]) == 0
     assert "5916 bytes written and read back; firmware 1.0.0" in capsys.readouterr().out
 
 
-def test_a_hex_file_of_this_computer_is_not_for_a_host(capsys):
+def test_a_local_hex_file_is_refused_for_a_host(capsys):
     assert exit_code(["robot", "flash", "r1", "--hex", "mine.hex"]) == 2
     assert "--hex is a file of this computer" in capsys.readouterr().err
