@@ -194,7 +194,7 @@ def serve(folder: str) -> None:
     from baqueano.door.simulated.missions import StoredRoutes
     from baqueano.door.simulated.service import SimulatedService
     from baqueano.door.sockets import Door
-    from baqueano.robot.service.realtime import claimed
+    from baqueano.robot.service.realtime import request_realtime
     from baqueano.vehicle_file import load
     from baqueano.worlds import ShakenWorld
 
@@ -202,7 +202,7 @@ def serve(folder: str) -> None:
     service = SimulatedService(file, file, place, StoredRoutes(place))
     door = Door(place / "door", service.operator, place, service.words())
     service.tell, service.frames = door.tell, door.frames
-    claimed()
+    request_realtime()
     first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0
 
     def write_with_stamp(self: Any, command: Any) -> None:

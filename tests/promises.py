@@ -107,13 +107,8 @@ WHY_NOT = {  # of those that no test keeps
     "LG-2": "it needs cut images of a block device, as root; kill -9 is tested instead (LG-1)",
     "LG-8": "an hour with estimates takes 5.9 s and 233 MB here, measured once",
 }
-RESULTS = (
-    "no test",
-    "not run",
-    "skipped",
-    "kept",
-    "not kept",
-)  # of several ends of one test the last one counts
+# of several ends of one test the last one counts
+RESULTS = "no test", "not run", "skipped", "kept", "not kept"
 
 
 def promises() -> dict[str, str]:

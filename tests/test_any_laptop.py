@@ -198,10 +198,8 @@ def test_the_fast_tests_can_be_collected_without_posix(laptop):
 
 def test_source_files_state_encodings_and_import_no_posix_module():
     """Windows reads text as cp1252 by default; POSIX modules are imported inside the functions that use them."""
-    on_board = (
-        ROOT / "src/baqueano/robot/imu",
-        ROOT / "src/baqueano/robot/service",
-    )  # these run on Linux alone
+    # these run on Linux alone
+    on_board = ROOT / "src/baqueano/robot/imu", ROOT / "src/baqueano/robot/service"
     for path in (ROOT / "src").rglob("*.py"):
         if path.parent in on_board:
             continue

@@ -1,6 +1,6 @@
 """Provide sources of time: a simulation, real time, or a run. Each clock yields strictly increasing integers t_ns.
 
-A missed tick is skipped, never repeated: the next one comes on the grid, and `missed` counts.
+A missed tick is skipped, not executed later: the next one comes on the grid, and `missed` counts.
 """
 
 import time

@@ -109,9 +109,8 @@ class AlarmAtInstruction:
 def test_an_alarm_at_any_instruction_raises_a_timeout_or_has_no_effect():
     """It may come after the block's end too, before its budget is taken away."""
     before, tracing, ends = signal.getsignal(signal.SIGALRM), sys.gettrace(), []
-    sys._getframe().f_trace_opcodes = (
-        True  # Python 3.12 reports instructions only if requested before `settrace`
-    )
+    # Python 3.12 reports instructions only if requested before `settrace`
+    sys._getframe().f_trace_opcodes = True
     for at in itertools.count(1):
         alarm = AlarmAtInstruction(at)
         sys.settrace(alarm)

@@ -196,10 +196,8 @@ def test_a_scan_over_split_ticks_equals_single_steps(name):
     rows, at = split(ticks, load(name).rate_hz)
     _, (mean, cov) = kernel(name).run(rows)
     assert np.array_equal(rows.t_ns[at], ticks.t_ns)
-    belief, rtol = (
-        ekf(name).init(),
-        1e-12 if len(ekf(name).init().mean) == 9 else 1e-11,
-    )  # 9: the paper's state
+    # 9: the paper's state
+    belief, rtol = ekf(name).init(), 1e-12 if len(ekf(name).init().mean) == 9 else 1e-11
     for k, each_tick in zip(at, each(ticks), strict=True):
         belief, _ = ekf(name).step(belief, each_tick)
         np.testing.assert_allclose(mean[k], belief.mean, rtol=rtol, atol=rtol)

@@ -126,9 +126,8 @@ def beside_wheels(imu, wheels, rate_hz):
 def test_skidding_wheels_still_reveal_the_gyro_unit():
     rng, n = np.random.default_rng(0), 600
     omega = np.repeat(rng.normal(size=n // 20), 20)
-    wheels = (
-        0.5 + np.column_stack([-omega, omega]) * 1.6 * 0.1 + 0.02 * rng.normal(size=(n, 2))
-    )  # skid: 1.6 times
+    # skid: 1.6 times
+    wheels = 0.5 + np.column_stack([-omega, omega]) * 1.6 * 0.1 + 0.02 * rng.normal(size=(n, 2))
     imu = np.column_stack([rng.normal(size=(n, 2)), omega + 0.02 * rng.normal(size=n)])
     assert beside_wheels(imu, wheels, 20.0) == []
     (finding,) = beside_wheels(imu * [1.0, 1.0, DEGREES], wheels, 20.0)

@@ -36,9 +36,8 @@ def drive_named(name, seconds=40.0, seed=1):
 
 def fitted(name):
     file, run = drive_named(name)
-    fixed_names = (
-        ["model.quadratic_drag"] if name == "car" else []
-    )  # else at its bound, where half the draws end
+    # else at its bound, where half the draws end
+    fixed_names = ["model.quadratic_drag"] if name == "car" else []
     return identify(run, file, options=FitOptions(fixed=fixed_names, diagnose=False)), run
 
 

@@ -69,7 +69,7 @@ def of_cart(file, *runs, start=(0,)):
     shape = Shape(FREE, (), start, (False,))
     records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
     problem = Residuals(blocks, shape, records)
-    problem = problem.weighed(np.array([0.1]))
+    problem = problem.weighted(np.array([0.1]))
     prediction = Prediction(problem, blocks)
     prediction.kernel = filter_kernel(blocks, shape, "auto")
     return prediction
@@ -231,7 +231,7 @@ def test_pose_covariance_grows_with_distance_and_innovations_are_white():
     problem = Residuals(
         blocks, Shape(FREE, (), (0,), sample_fraction), [record_of(run, file.sensors._asdict())], "python"
     )
-    problem = problem.weighed(np.full(3, 0.01))
+    problem = problem.weighted(np.full(3, 0.01))
     prediction = Prediction(problem, blocks)
     moving = FloorNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
     e = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0]

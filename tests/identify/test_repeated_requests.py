@@ -28,7 +28,7 @@ def test_residuals_and_predictions_are_cached_for_one_point_and_noise(end):
         assert score_test(theta)[0] is score_test(theta.copy())[0]
         assert not np.array_equal(score_test(theta)[0], score_test(1.01 * theta)[0])
     r, h = problem.residuals(theta)[0], problem.predictions(theta)[0]
-    problem = problem.weighed(2.0 * problem.sigma)
+    problem = problem.weighted(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
     np.testing.assert_array_equal(problem.predictions(theta)[0], h)
     np.testing.assert_allclose(h, predictions(problem, theta), atol=1e-9)
@@ -60,5 +60,5 @@ def test_derivatives_are_computed_again_after_a_caller_overwrites_a_copy(end):
     assert problem.sensitivities(theta)[0][1] is d
     fit_residuals(problem, theta, np.ones(problem.size, bool))  # writes to them
     np.testing.assert_array_equal(problem.sensitivities(theta)[0][1], before)
-    problem = problem.weighed(2.0 * problem.sigma)
+    problem = problem.weighted(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.sensitivities(theta)[0][1], 0.5 * before, rtol=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify.residuals.noise_level import spread, telling
+from baqueano.identify.residuals.noise_level import informative_rows, spread
 
 
 def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise():
@@ -14,7 +14,7 @@ def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise():
     z[:2000], waiting[:2000, 0] = 0.0, 1e-5 * rng.normal(size=2000)
     has = [np.ones((3000, 1))]
     moving_only = spread([noise[2000:]], [np.ones((1000, 1))], np.zeros(1))
-    assert spread([waiting], telling([waiting], has, [z]), np.zeros(1)) == pytest.approx(moving_only)
+    assert spread([waiting], informative_rows([waiting], has, [z]), np.zeros(1)) == pytest.approx(moving_only)
     assert spread([waiting], has, np.zeros(1)) < 1e-4  # as it would be
     assert moving_only == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
 
@@ -22,9 +22,9 @@ def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise():
 def test_a_model_that_moves_while_the_encoder_rests_is_reported():
     residuals, z = np.full((100, 1), -0.3), np.zeros((100, 1))
     z[50:] = 1.0
-    assert telling([residuals], [np.ones((100, 1))], [z])[0].all()
+    assert informative_rows([residuals], [np.ones((100, 1))], [z])[0].all()
 
 
 def test_all_rows_of_a_constant_channel_are_used():
     zero = np.zeros((50, 1))
-    assert telling([zero], [np.ones((50, 1))], [zero])[0].all()
+    assert informative_rows([zero], [np.ones((50, 1))], [zero])[0].all()

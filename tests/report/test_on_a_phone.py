@@ -13,11 +13,8 @@ from baqueano.report.of_run import page_of_run
 from baqueano.report.page import NARROW_IN, Page, Section, Table, draw
 from baqueano.vehicle_file import load
 
-POINTS_PER_IN, PHONE_PX, LEAST_PX = (
-    72.0,
-    334.0,
-    6.5,
-)  # the width that a card leaves of 390 px; of the smallest letters
+# the width that a card leaves of 390 px; of the smallest letters
+POINTS_PER_IN, PHONE_PX, LEAST_PX = 72.0, 334.0, 6.5
 
 
 @pytest.fixture(scope="module")

@@ -125,10 +125,8 @@ def test_pairs_of_zeros_infinities_and_nan_give_the_numpy_result(library, name, 
     a, b = (np.ascontiguousarray(x.ravel()) for x in np.meshgrid(SPECIAL, SPECIAL))
     computed, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
     if name in ("min", "max"):
-        computed, expected = (
-            computed + 0.0,
-            expected + 0.0,
-        )  # which of two zeros is the smaller one is not said
+        # which of two zeros is the smaller one is not said
+        computed, expected = computed + 0.0, expected + 0.0
     assert same(computed, expected).all(), list(zip(a, b, computed, expected, strict=True))
 
 

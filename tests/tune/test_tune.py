@@ -74,7 +74,7 @@ def test_a_search_without_gradients_gives_no_lower_cost(small, tuning):
 
 def test_tuned_gains_have_a_lower_cost_than_the_gains_of_the_file(tuning):
     assert tuning.cost <= tuning.cost_before
-    assert tuning.cost < tuning.cost_standing
+    assert tuning.cost < tuning.cost_uncontrolled
     assert tuning.drive.distance_rms_m < 0.1
     assert tuning.verdict in (Verdict.USABLE, Verdict.WARN)
 
@@ -88,12 +88,10 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
     assert len(tuning.history) == rows[0]["evaluations"]
     assert tuning.history[:, 1].min() == pytest.approx(tuning.cost)
     assert "a radian weighs 0.06 m; perfect pose" in tuning.table()
-    gain = (
-        f"cost {tuning.cost_before:.4g} → {tuning.cost:.4g} m², {tuning.cost_standing:.4g} without control; "
-    )
+    gain = f"cost {tuning.cost_before:.4g} → {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} without control; "
     assert gain in tuning.table()
     assert rows[0]["cost_before"] > rows[0]["cost"]
-    assert rows[0]["cost_standing"] == tuning.cost_standing
+    assert rows[0]["cost_uncontrolled"] == tuning.cost_uncontrolled
     assert tuning.table().endswith(verdict_line(tuning.verdict, tuning.reasons))
 
 
@@ -127,7 +125,7 @@ def test_a_file_without_gains_receives_the_tuned_gains(small):
     bare = with_papers_pd(gains="")
     tuning = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
     assert np.isnan(tuning.cost_before)
-    assert f"cost {tuning.cost:.4g} m², {tuning.cost_standing:.4g} without control" in tuning.table()
+    assert f"cost {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} without control" in tuning.table()
     assert tuning.applied().controller().alpha == pytest.approx(tuning.values["alpha"])
 
 

@@ -47,14 +47,8 @@ ROOMS = {  # subpackage → verbs; the other verbs are modules of this package
 
 WHOLE = 200  # letters: no first sentence is as long
 
-METAVARS = (
-    N_("TEXT"),
-    N_("INTEGER"),
-    N_("NUMBER"),
-    N_("FLOAT"),
-    N_("FILE"),
-    N_("FOLDER"),
-)  # what values are called
+# what values are called
+METAVARS = N_("TEXT"), N_("INTEGER"), N_("NUMBER"), N_("FLOAT"), N_("FILE"), N_("FOLDER")
 USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
 BACKENDS = ("auto", "c", "python", "numpy")
 

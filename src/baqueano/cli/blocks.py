@@ -41,10 +41,10 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 
 def which_estimator(file: "VehicleFile") -> Diagnostic:
     """Return the recommended estimator for the sensors of a vehicle."""
-    from baqueano.estimators.readings.velocity_readings import readings_of, show_place
+    from baqueano.estimators.readings.velocity_readings import pose_sensors, readings_of
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
-    names, place = file.sensors._fields, show_place(file.sensors)
+    names, place = file.sensors._fields, pose_sensors(file.sensors)
     if place:
         fits = "place"
     elif any(not reading.is_gyro for reading in readings_of(file.sensors)):

@@ -2,8 +2,8 @@
 
 The code and figures of the error decide. A mistyped name (`found`, with the nearest in `near`, see names.py) is
 corrected in the command; a `missing` path is replaced by the nearest file; a decimal comma becomes a point. Otherwise
-the error's own suggestion (`fix`) stays. Without one the suggestion is --help after a usage error, the description of
-a map after a bad map, and the list of runs after a bad run.
+the error's own suggestion (`fix`) stays. Without one it depends on the error: --help after a usage error, the help on
+maps after a bad map, the list of runs after a bad run.
 """
 
 import difflib

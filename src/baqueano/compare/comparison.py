@@ -1,8 +1,9 @@
 """Compare runs by the errors of estimate and vehicle, and by the consistency of the filter.
-One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference, how evenly
-it drove (evenness.py), NEES and NIS (filter_consistency.py), and its corridor at the end (corridor.py). A figure that
-a run does not contain is NaN, never 0. With two or more runs of the same route, each row also contains the distance
-of that run's vehicle from the first run's path.
+
+One row per run: errors of the estimate against the truth (errors.py) and of the vehicle against its reference; how
+evenly it drove (evenness.py); NEES and NIS (filter_consistency.py); its corridor at the end (corridor.py). A figure
+that a run does not contain is NaN, never 0. With two or more runs of the same route, each row also contains the
+distance of that run's vehicle from the first run's path.
 """
 
 from collections.abc import Sequence

@@ -21,11 +21,8 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 FALSE_ALARM = 0.05  # a consistent filter is called inconsistent this often
-DRAWS, BLOCKS, LEAST = (
-    400,
-    200,
-    5,
-)  # draws and blocks of the bootstrap, and the independent samples that it needs
+# draws and blocks of the bootstrap, and the independent samples that it needs
+DRAWS, BLOCKS, LEAST = 400, 200, 5
 FADED = 0.05  # of |Γ_0|²: a smaller correlation counts as chance
 CLOSE = 1.1  # a variance within this factor of 1 counts as right
 FAR = 1.6  # the verdict is "cannot tell" if the band is wider than this factor on either side

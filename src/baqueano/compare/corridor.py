@@ -105,8 +105,7 @@ def _lap_s(run: Run) -> float:
     back = np.flatnonzero(away[:-1] & ~away[1:])
     if not len(back):
         return float("nan")
-    near = (
-        back[0] + 1 + int(np.argmax(np.append(away[back[0] + 1 :], True)))
-    )  # near the first pose from back[0] + 1 to here
+    # near the first pose from back[0] + 1 to here
+    near = back[0] + 1 + int(np.argmax(np.append(away[back[0] + 1 :], True)))
     k = back[0] + 1 + int(np.argmin(np.hypot(*off[back[0] + 1 : near, :2].T)))
     return float(seconds(ref.t_ns[k], ref.t_ns[0]))

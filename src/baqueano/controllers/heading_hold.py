@@ -60,7 +60,7 @@ class HeadingHoldState(NamedTuple):
     since_ns: int = 0  # time of the first request of this speed without a turn
     psi: float = nan  # ψ_r [rad], NaN until it is set
     sum: float = 0.0  # ∫e dt [rad s]
-    unseen: float = 0.0  # integral of the innovations that were left out [rad]
+    left_out_rad: float = 0.0  # integral of the innovations that were left out [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +122,7 @@ class HeadingHold:
             return HeadingHoldState(hand, t_ns, out_s), command
         if ahead != state.ahead:
             state = HeadingHoldState(hand, t_ns, out_s, ahead, t_ns)
-        left_out_rad = state.unseen + left_out * dt_s
+        left_out_rad = state.left_out_rad + left_out * dt_s
         psi, psi_r = float(estimate.eta[2]) + left_out_rad, state.psi
         quiet = abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
         psi_r = psi if isnan(psi_r) and quiet else psi_r

@@ -199,7 +199,7 @@ class ModelFollower:
 
 
 def slip(nu: np.ndarray) -> Value:
-    """Return β [rad], the angle from the heading to the velocity ν (3,), positive to the left.  (2)"""
+    """Return β [rad], the course relative to the heading for ν (3,), also backward; 0 at rest, left > 0.  (2)"""
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + SLOW_M_S**2))
 
 

@@ -41,7 +41,7 @@ class RunFiles:
         return self._list
 
     def fetch(self, guest: Guest, name: str, stays: Callable[[Guest], bool]) -> None:
-        """Send a run in segments, each when little waits for the guest; the last one has `left` 0.
+        """Send a run in chunks, each when little waits for the guest; the last one has `left` 0.
 
         Raise Invalid if the run does not exist or too many transfers are under way.
         """

@@ -27,7 +27,7 @@ STOP = re.compile(rb'"do"\s*:\s*"stop"')  # each stop contains this; a line that
 
 
 class Guest:
-    """A connection. Its lines belong to the door's thread; each thread may call `say`."""
+    """A connection. Its lines belong to the door's thread; any thread may call `say`."""
 
     def __init__(self, line: socket.socket) -> None:
         self.line = line
@@ -51,7 +51,7 @@ class Guest:
         return len(self._coming)
 
     @property
-    def asleep(self) -> bool:
+    def overloaded(self) -> bool:
         """Return True if too many bytes wait for the guest.  (2)"""
         return self._waiting > PENDING
 
@@ -61,7 +61,7 @@ class Guest:
         return self._waiting
 
     @property
-    def owed(self) -> bool:
+    def has_output(self) -> bool:
         """Return True if a message waits for the guest.  (3)"""
         return bool(self._going)
 

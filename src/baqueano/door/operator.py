@@ -3,7 +3,7 @@
   SILENCE_S without a message of the holder   the vehicle stops, unless the mission continues unattended      (1)
   a set-point older than SILENCE_S            is ignored                                                      (2)
 
-For a holder who drives through a page the silence is shorter, as one more process is in between. Each client may stop
+For a holder who drives through a page the silence is shorter, as one more process is in between. Any client may stop
 the vehicle. The messages come from another thread than the loop's; both ends may be used at any time.
 """
 
@@ -28,9 +28,8 @@ class Operator:
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._now_ns = now_ns
-        self._lock = (
-            threading.RLock()
-        )  # a signal may stop the vehicle in the middle of any word of the same thread
+        # a signal may stop the vehicle in the middle of any word of the same thread
+        self._lock = threading.RLock()
         self._last_beat_ns = -(1 << 62)
         self._u: np.ndarray | None = None
         self._u_ns = -(1 << 62)

@@ -1,4 +1,4 @@
-"""Return the end of a mission as data: the reason of the stop, and the exit code, for each error of its blocks."""
+"""Return the end of a mission as data, after any error of its blocks: the reason of the stop, and the exit code."""
 
 from collections.abc import Callable
 

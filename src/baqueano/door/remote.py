@@ -41,9 +41,8 @@ BEAT_S = 0.1
 HAND_S = 0.02  # between set-points of somebody who drives
 PING_S = 0.5
 GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
-STOP_S = (
-    10.0  # from a stop that was heard to STOPPED: the motors are off long before, its run is closed first
-)
+# from a stop that was heard to STOPPED: the motors are off long before, its run is closed first
+STOP_S = 10.0
 LONGEST_LINE = 1 << 20  # bytes of a message; a piece of a run has 64 kB
 LONGEST_RUN = 4 << 30  # bytes: two days of driving
 WAITING = 256  # messages that wait for who listens; more states are left out, the rest waits there

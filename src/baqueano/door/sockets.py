@@ -6,11 +6,11 @@
                      pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
 
 `why`, `said` and `about` are diagnostics (wire.py), except the `why` of a `no`, a sentence. `door` is the version of
-the protocol: a mission of another version is refused, a stop never. All connections receive the events of each drive;
-its owner recognises its `id`. A mission is decoded only when it is driven, so that a refusal costs no tick. The socket
-is open to the user of the service and its group; other users need ssh (remote.py) or the pipes of a child process
-(pipes.py). In each turn the door reads all connections, handles the stops, sends the queued messages, and answers the
-other lines in equal shares. A malformed line is answered by `no`. A client that does not read is disconnected.
+the protocol: a mission of another version is refused, a stop never. A new connection receives the last state at once.
+All connections receive the events of each drive; its owner recognises its `id`. The socket is open to the user of the
+service and its group; other users need ssh (remote.py). In each turn the door reads all connections, handles the stops,
+sends the queued messages, and answers the other lines in equal shares. A malformed line is answered by `no`. A client
+that does not read is disconnected.
 """
 
 import json
@@ -40,10 +40,8 @@ if TYPE_CHECKING:
 
 MOST_GUESTS = 32
 FOR_STOPS = 4  # more connections, for SHORT_S each: a stop is taken though all other places are occupied
-SHORT_S, STOPPED_S = (
-    1.0,
-    15.0,
-)  # until a stop arrives; after it, until the client has seen the vehicle stopped
+# until a stop arrives; after it, until the client has seen the vehicle stopped
+SHORT_S, STOPPED_S = 1.0, 15.0
 SHARE = 128  # lines that are answered in a turn, of all guests together
 TURN_S = 0.002  # then the others wait: a stop, or a message of the loop, comes before them
 LONGEST_ID = 64  # letters
@@ -55,7 +53,7 @@ Word = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and reque
 
 
 class Door:
-    """A thread that listens at `path`, if given, and serves messages: `words` by the service, others by `operator`."""
+    """A thread that listens at `path`, if given, and passes the messages to `operator`; `words` has other handlers."""
 
     def __init__(
         self, path: Path | None, operator: "Operator", folder: Path, words: Mapping[str, Word] | None = None
@@ -201,7 +199,7 @@ class Door:
             self._leave(guest)
 
     def _may_be_long(self, guest: Guest) -> None:
-        """Disconnect a guest whose line is too long; only one may send a long mission, to a free operator."""
+        """Refuse a line longer than LONG. One guest at a time may send a mission of LONGEST, to a free operator."""
         try:
             self.operator.may_ask(guest)
             busy = any(peer.coming > LONG for peer in self._guests if peer is not guest)
@@ -326,7 +324,7 @@ class Door:
         now = time.monotonic()
         for guest in watching:
             self._introduce(guest)
-            reads = guest.waiting <= SENT_AHEAD if at_once else not guest.owed
+            reads = guest.waiting <= SENT_AHEAD if at_once else not guest.has_output
             if not reads or (int(now * guest.hz) == guest.turn and not at_once):
                 continue
             guest.turn = int(now * guest.hz)
@@ -351,10 +349,10 @@ class Door:
         except OSError:
             self._leave(guest)
             return
-        if guest.asleep:
+        if guest.overloaded:
             self._leave(guest)
             return
-        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if guest.owed else 0)
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if guest.has_output else 0)
         if self._selector.get_key(guest.line).events != events:
             self._selector.modify(guest.line, events, guest)
 

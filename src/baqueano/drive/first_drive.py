@@ -233,7 +233,7 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray)
     channel = np.array([drivetrain.mix(way) for way in ways])  # (D, k)
     for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
         now = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
-        size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * between(at)[:, None]
+        size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * onset_level(at)[:, None]
         onset = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
         new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, onset, strict=True)]
         if np.any(now > 0.0):
@@ -241,7 +241,7 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray)
     return vehicle_file.with_values(changes) if changes else vehicle_file
 
 
-def between(level: np.ndarray) -> np.ndarray:
+def onset_level(level: np.ndarray) -> np.ndarray:
     """Return the middle (D,) between the previous level, at which the vehicle did not move, and this one."""
     before = np.maximum(level - STEP, 0.0)
     before = np.where(GROWTH * before > STEP, level / (1.0 + GROWTH), before)

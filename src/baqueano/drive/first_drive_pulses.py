@@ -50,7 +50,7 @@ class Careful:
     speed_m_s: float = 0.2
     turn_rad_s: float = 2.5
     longest_s: float = 120.0
-    far_m: float = 0.3  # estimated distance from the spot, plus its error, that ends the drive
+    far_m: float = 0.3  # the drive ends if the estimated distance exceeds it by more than its deviation
 
     def init(self) -> Pulses:
         """Return the state before the first tick."""

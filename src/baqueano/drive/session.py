@@ -203,7 +203,7 @@ def _prepare(
     """Return the blocks that drive, the monitor of the sensors, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
     sensors, sensor_notes = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
-    blocks, notes = within(PREPARE_S, ready, *inputs) if live else ready(*inputs)
+    blocks, notes = within(PREPARE_S, compile_blocks, *inputs) if live else compile_blocks(*inputs)
     if live:
         blocks = Blocks._make(BudgetedBlock(b) if _may_hang(b) else b for b in blocks)
     if sensors is not None:
@@ -229,7 +229,7 @@ def marks_of(run: Run) -> list[int]:
     return [e.t_ns for e in run.events if e.source == MARK_SOURCE]
 
 
-def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagnostic]]:
+def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagnostic]]:
     """Return the blocks compiled, each tried once so that the first tick does not wait for a compiler.
 
     A block that cannot be compiled runs as Python code, slower; the diagnostics name it and the reason.
@@ -246,7 +246,9 @@ def ready(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagno
     reference = Reference(0, np.zeros(3), np.zeros(3), 0.0)
     command = Command(0, np.zeros(len(tick.u)))
     inputs = (tick,), (estimate,), (reference, estimate), (command, tick, estimate)
-    results = [fast(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)]
+    results = [
+        compiled_or_unchanged(*x, backend) for x in zip(Blocks._fields, blocks, states, inputs, strict=True)
+    ]
     return Blocks._make(block for block, _ in results), [
         reason for _, reason in results if reason is not None
     ]
@@ -267,7 +269,7 @@ def watched(vehicle_file: VehicleFile, estimator: Estimator) -> tuple[Watching |
         return None, [note("drive.not-watched", error=named(error))]
 
 
-def fast(
+def compiled_or_unchanged(
     room: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
     """Return the block compiled, or unchanged with the reason."""
@@ -293,9 +295,9 @@ def _may_hang(block: object) -> bool:
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
-    """Return as much of the start (3,) or (6,) as the estimator's init() takes, and a diagnostic if the rest matters.
+    """Return as much of the start (3,) or (6,) as the estimator's init() takes, and a diagnostic or None.
 
-    The start is None for an estimator that takes none.
+    The start is None for an estimator that takes none; the diagnostic reports this if the start is not zero.
     """
     if takes := len(inspect.signature(estimator.init).parameters):
         return start if takes > 1 else start[:3], None

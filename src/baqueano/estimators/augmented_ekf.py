@@ -24,7 +24,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.correction import corrected
-from baqueano.estimators.augmented.motion import ahead, beside_wheels, scaled, slow_part
+from baqueano.estimators.augmented.motion import ahead, scaled, slow_part, wheel_velocity_cov
 from baqueano.estimators.augmented.state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian
@@ -178,7 +178,7 @@ class AugmentedEkf:
         after = chosen(row.new, after, belief)
         pose_and_velocity, of_nu = (
             _pose_and_velocity(after.mean),
-            update.of_nu + beside_wheels(self, after.mean[3], gain),
+            update.of_nu + wheel_velocity_cov(self, after.mean[3], gain),
         )
         out = jacobian(_pose_and_velocity)(after.mean)
         cov = mirrored(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])

@@ -5,8 +5,8 @@
     x ← x + v cos ψ δ,   y ← y + v sin ψ δ                                                                (3)
     Σ_η ← F Σ_η Fᵀ + 2 T δ J V Jᵀ,   F = ∂η⁺/∂η                                                           (4)
 
-δ is the length of a tick, v the speed, a the acceleration of the model, η = (x, y, ψ) the pose with covariance Σ_η, J
-the rotation from body to map. a is available at once, but its errors add up: (1) uses only its changes faster than T.
+δ is the tick, v the speed, a the acceleration of the model. η = (x, y, ψ) is the pose with covariance Σ_η, J the
+rotation from body to map. a is available at once, but its errors add up: (1) uses only its changes faster than T.
 The wheels are noisy but correct on average: (1) uses only their changes slower than T. Without wheels, v is the
 model's. ω is the yaw rate of the gyro; its bias b is learned while |ω − b| < 0.1 rad/s and no command came for 1 s. V
 is the covariance of the errors of ν, which count as independent after each T.

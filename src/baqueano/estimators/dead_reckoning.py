@@ -8,10 +8,10 @@
     Σ = F diag(Σ₋, R, Q) Fᵀ,   F = ∂(η, ν, b, s, s_v) / ∂(η₋, ν₋, b, s, s_v, w, n)                        (4)
 
 h(0), H and L are those of velocity_readings.py: L H = I, so a reading replaces the velocity of the model. No reading is
-gated. d is the age of the reading, and ν is as old as it; summed, (3) is the trapezoid rule plus d times the last ν. t
-is the time without a reading before this tick; the error of the model is assumed to have grown linearly in it. b is the
-bias of the gyro, a random walk; s and s_v are the constant scale errors of gyro and speed. All three stay 0 and keep
-their given uncertainty (consider states, Schmidt 1966).
+gated. ν has the age d of its reading, η is current: summed, (3) is the trapezoid rule plus d times the last ν. t is the
+time without a reading before this tick; the error of the model is assumed to have grown linearly in it. b is the bias
+of the gyro, a random walk; s and s_v are the constant scale errors of gyro and speed. All three stay 0, and only their
+uncertainty counts (consider states, Schmidt 1966).
 """
 
 from collections.abc import Sequence

@@ -237,7 +237,7 @@ class Ekf:
         return mean, np.where(take, update.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
-        """Return the age of the measurement [s]; None if it is always 0."""
+        """Return the age of the measurement [s]; None if it is always 0, or in mode "paper"."""
         if self.mode == "paper":
             return None
         old_s = age_s(sensor, slot)

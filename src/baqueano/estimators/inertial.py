@@ -34,7 +34,7 @@ class InertialBelief(NamedTuple):
     eta: np.ndarray  # (3,)
     v: float
     omega: float
-    moving: float  # ticks since the vehicle stood
+    moving: float  # ticks since the last rest
     roamed: float  # Σ k³/12 of (3)
 
 
@@ -69,7 +69,7 @@ class Inertial:
         return InertialBelief(-1, -1, 0.0, np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0, 0.0)
 
     def step(self, state: InertialBelief, tick: Tick) -> tuple[InertialBelief, Estimate]:
-        """Return pose since the start and velocity, with the variances that grew since the last rest."""
+        """Return the pose since the start and the velocity, with the variances (2) and (3) of the module."""
         s = state
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns

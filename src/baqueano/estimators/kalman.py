@@ -64,7 +64,7 @@ def correct(
 ) -> Correction:
     """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
-    H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent numbers; each is above 0.
+    H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent numbers; each variance is above 0.
     `estimated` is E of all numbers (n,), or of each number (m, n); the default is all ones. `weight(c, e, s)` returns w
     of number c.
     """

@@ -24,9 +24,8 @@ from baqueano.vehicles.rk4 import ROW_S
 ROW_NS = round(ROW_S * NANOSECONDS)
 HELD_S = 1.0  # longest prediction without a tick; after it the position is too uncertain to predict
 JITTER = 1.25  # periods
-FARTHEST = (
-    1e6  # m², rad²: beyond it a pose is unknown, and a double would lose the smaller variances of the matrix
-)
+# m², rad²: beyond it a pose is unknown, and a double would lose the smaller variances of the matrix
+FARTHEST = 1e6
 WHOLE = (int, np.integer)  # types of a time that is known: not in a trace
 TRUTH = (bool, np.bool_)  # types of a condition that is known: not in a trace
 
@@ -65,7 +64,7 @@ def bounded(cov: np.ndarray) -> np.ndarray:
 
 
 def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
-    """Return the rows of ticks, whose leaves have N rows, and the index of each tick's row (N,).  (1)-(3)"""
+    """Return the rows of N ticks, whose leaves begin with an axis N, and the index (N,) of each tick's row.  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
     gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise(t_ns)]
     counts = np.array([1] * min(len(t_ns), 1) + [len(gap) + 1 for gap in gaps], dtype=np.int64)
@@ -93,7 +92,7 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
 class FilterRow(NamedTuple):
     """A row of the filter: its length and its command."""
 
-    new: Value  # True if it is newer than the last row; an older one changes nothing
+    new: Value  # True if it is newer than the last row; else it changes nothing
     dt_s: Value  # its length; a nominal period for the first row
     moved_s: Value  # how much of it is predicted: at most the longest row
     u: np.ndarray  # (n,) the command; 0 for an entry that is not finite

@@ -6,7 +6,7 @@
     t = (χ − α) mod 2π,   q = (β − χ) mod 2π of LSL, (χ − β) mod 2π of LSR                                 (1)
     RSR and RSL are LSL and LSR of the mirrored problem (−α, −β); length = R (t + p + q)                  (2)
 
-A word as LSL means left arc, straight, left arc. t and q are the angles of the arcs, p R is the length of the line, χ
+The word LSL means left arc, straight, left arc. t and q are the angles of the arcs, p R is the length of the line, χ
 its heading. Source: Dubins, American Journal of Mathematics, 1957; Shkel and Lumelsky, Robotics and Autonomous Systems,
 2001. Departure: words of three arcs are left out. They are shorter for some goals nearer than 4 R; LSL and RSR always
 exist.

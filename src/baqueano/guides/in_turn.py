@@ -97,7 +97,7 @@ class InTurn:
 
 
 def _either(condition: Value, a: Tree, b: Tree) -> Tree:
-    """Return one of two trees of the same shape, number by number."""
+    """Return `a` if the condition holds, else `b`, number by number; both trees have the same shape."""
     if isinstance(a, tuple):
         parts = [_either(condition, x, y) for x, y in zip(a, b, strict=True)]
         return tuple(parts) if type(a) is tuple else type(a)(*parts)

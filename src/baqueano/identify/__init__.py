@@ -1,4 +1,4 @@
-"""Identify a vehicle: runs → vehicle file. Excitation signals, the fit with its error bars and verdict, noise.
+"""Identify a vehicle from runs: excitation signals, the fit with its error bars and verdict, and the noise.
 
 u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed=0)
 fit = identify(run, file)

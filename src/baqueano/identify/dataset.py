@@ -12,7 +12,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import with_gyro_at_rest
 from baqueano.identify.diagnostics import clean
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import acts_alone, free_parameters
+from baqueano.identify.parameters.free import free_parameters, has_offset
 from baqueano.identify.parameters.setup import Parameters, unknowns
 from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.maps.columns import KINDS
@@ -21,10 +21,8 @@ from baqueano.runs.run import Channel, Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-NO_MOTION = (
-    CHANNEL,
-    "imu_temperature",
-)  # channels that do not measure motion: added_channels.py, `runs noise`
+# channels that do not measure motion: added_channels.py, `runs noise`
+NO_MOTION = CHANNEL, "imu_temperature"
 BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
@@ -104,7 +102,7 @@ def dataset(
     """
     runs, note = list(runs), None
     same_commands(file, runs)
-    if options.biases and acts_alone(file.vehicle):
+    if options.biases and has_offset(file.vehicle):
         file, note = with_gyro_at_rest(file, runs)
     blocks, runs, channels = sensors_of(file, runs, use)
     runs, blocks = with_tape(runs, blocks, options.measured)

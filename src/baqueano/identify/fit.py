@@ -28,7 +28,7 @@ from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability.identifiable import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import acts_alone
+from baqueano.identify.parameters.free import has_offset
 from baqueano.identify.parameters.setup import Parameters, given_sigma
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.noise_level import sigma_of_few, smallest_spread
@@ -210,7 +210,7 @@ def conclude(
         data.file, parameters.blocks, whole, list(parameters.requested), list(parameters.frozen), result,
         identifiability, info, data.note, data.findings, options.diagnose,
     )  # fmt: skip
-    if options.biases and acts_alone(data.file.vehicle):
+    if options.biases and has_offset(data.file.vehicle):
         by_zero = covariance_by_zeros(
             result.problem, result.solution.theta, identifiability.mask, info.bread, data.file
         )

@@ -6,7 +6,7 @@
 
 P is the covariance of the fit. (1) is linear: from LOST_RAD of heading on the vehicle may be anywhere, and the message
 states that instead of a distance. The forecast is a lower limit of the error. It does not contain what the runs did not
-show, the floor, the battery, and an error of the start.
+show, the floor, the battery, or an error of the start.
 The model drives the lap with the recommended controller and a known pose; its commands are then given to the model
 again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
 """
@@ -45,7 +45,7 @@ STEP_S = 1.0  # between the beginnings of windows
 DRIVEN = 0.5  # least part of the ticks of a window with a command
 LOST_RAD = 0.5  # standard deviation of the heading, from which on (2) does not give the position
 PACE = 0.25  # 1/s: speed over radius of the default lap
-FOLLOWED = 0.1  # of the size of a lap: with a larger mean error a vehicle does not drive the lap
+FOLLOWED = 0.1  # of the size of a lap: with a larger root mean square error a vehicle does not drive the lap
 
 
 class Ahead(NamedTuple):

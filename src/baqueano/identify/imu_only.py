@@ -35,10 +35,10 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY,
     Free,
-    acts_alone,
     default_free,
     described,
     free_parameters,
+    has_offset,
     requested_paths,
 )
 from baqueano.identify.parameters.setup import unknowns
@@ -52,13 +52,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 LEVER = "lever_arm_m[0]"
-GOES_WITH = (
-    "fixed",
-    "bounds",
-    "start",
-    "gyro_leads",
-    "backend",
-)  # options that are allowed if the gyro leads
+# options that are allowed if the gyro leads
+GOES_WITH = "fixed", "bounds", "start", "gyro_leads", "backend"
 FOLLOWED = 8  # rounds of updates of the leading yaw rate, at most
 STILL = 0.1  # standard deviations: the search is settled if a round moves all parameters together by less
 
@@ -78,8 +73,8 @@ def fit_imu_only(
 
     `free`, `solver` and the `options` in GOES_WITH are those of `identify`, which calls this function for a car
     with only an IMU. `use` names the IMU; default: the only one of the file. `tolerance` {"gyro": 0.01, "accel":
-    0.02} are the possible errors of the scales, relative; default: those of the calibration in the file, else 3 %
-    and 2 % of a data sheet. Raise UsageError without an IMU.
+    0.02} is the largest relative error ± of the scales; default: that of the calibration in the file, else 3 % and
+    2 % of a data sheet. Raise UsageError without an IMU.
     """
     if names := _other_options(options):
         raise UsageError(fault("imu-only.others", others=names))
@@ -89,7 +84,7 @@ def fit_imu_only(
     if not can_be_gyro_aided(data.blocks):
         kind = type(data.file.vehicle).__name__
         raise UsageError(fault("imu-only.no-dynamics", vehicle=data.file.name, kind=kind))
-    zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
+    zero = zero_of(data.file, imu) if has_offset(data.file.vehicle) else 0.0
     requested = _requested_parameters(data.blocks, free, options, imu)
     parameters = unknowns(data.blocks, requested, data.runs, data.channels, data.file.rate_hz, options)
     blocks = parameters.blocks
@@ -194,7 +189,7 @@ def imu_is_all(
     one_imu = len(names) == 1 and has_field(sensors.get(names[0]), "gyro_scale")
     return (
         one_imu
-        and acts_alone(file.vehicle)
+        and has_offset(file.vehicle)
         and not any(p.lstrip("+").startswith("sensors.") for p in free or ())
     )
 
@@ -217,7 +212,7 @@ def _requested_parameters(
     """Return the free parameters: those requested, and the IMU's position along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     is_fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
-    if acts_alone(blocks.model):
+    if has_offset(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
     requested = free_parameters(blocks, free, options.fixed, bounds)

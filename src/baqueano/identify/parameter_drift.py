@@ -183,9 +183,10 @@ def parameter_history(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     say: Callable[[str], object] | None = None,
 ) -> ParameterHistory:
-    """Return the parameters of `vehicle_file` over `runs` in order of time, by their stamps if these are dates.
+    """Return the parameters of `vehicle_file` over `runs` in order of time.
 
-    `free`, `use` and `options` are those of `identify`. Raise UsageError if fewer than two runs can be fitted.
+    The order is by their stamps if these are dates, else as given. `free`, `use` and `options` are those of `identify`.
+    Raise UsageError if fewer than two runs can be fitted.
     """
     if len(runs) < 2:
         raise UsageError(fault("over-time.few-runs", count=len(runs)))

@@ -6,9 +6,8 @@ A camera gives the pose (p, ψ) at t_i on its own clock. For many windows [t_i, 
     p(t_i + T) − p(t_i) = ∫ R(ψ(t)) (k_x, k_y) z_o(t + o) dt + (R(ψ(t_i + T)) − R(ψ(t_i))) l              (2)
 
 o is the offset of the truth's stamps, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
-the angle between the mark and the rolling direction. l is the position of the mark relative to the point without side
-slip. Both equations are linear except in o: Gauss-Newton starts from the best offset of a grid. Error bars:
-covariance/clusters.py.
+the angle between the mark and the rolling direction. l is the position of the mark from the point without side slip.
+Both are linear except in o: Gauss-Newton starts from the best offset of a grid. Error bars: covariance/clusters.py.
 """
 
 from collections.abc import Callable
@@ -110,10 +109,8 @@ class Calibration(Result):
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
-        """Return position and angle of the mark and offset of its clock, and the half widths of their 95 % intervals.
-
-        The keys are those of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them.
-        """
+        """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys
+        are those of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
         origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
@@ -138,8 +135,7 @@ class Calibration(Result):
 
 
 def scale_std_path(file: "VehicleFile", path: str) -> str | None:
-    """Return the key of the standard deviation of the scale at `path`, such as "sensors.imu.gyro_scale_std", or
-    None if it is not a scale or without such a key."""
+    """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None if `path` lacks one."""
     owner, _, field = path.rpartition(".")
     field_of_block = dict(parameters(get(file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
@@ -194,8 +190,7 @@ class WindowRegression(NamedTuple):
 def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
 
-    `file` names the sensors. Raise UsageError if the run is too short, or lacks a pose of a truth or all of these
-    sensors.
+    `file` names the sensors. Raise UsageError if the run is too short, or lacks a pose of a truth or both sensors.
     """
     gyro = channel_of(run, file, "gyro_scale", -1)
     odometer = channel_of(run, file, "scale", 0)
@@ -220,11 +215,8 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
 
 
 def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, TruthSignal] | None:
-    """Return the first sensor of the run with such a field, and its channel, or None.
-
-    Samples of an IMU that repeat the previous one in all entries are left out, as a driver repeats them, not the
-    chip.
-    """
+    """Return the first sensor of the run with such a field, and its channel, or None. Samples of an IMU that repeat
+    the previous one in all entries are left out, as a driver repeats them, not the chip."""
     for name, block in file.sensors._asdict().items():
         channel = run.sensors.get(name)
         if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
@@ -386,8 +378,7 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
 
 
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
-    """Return scale of the odometer and position and heading of the mark, in the axes of the body; x is the rolling
-    direction of the wheels."""
+    """Return the odometer's scale, and the mark's position and heading in body axes, x along the wheels' rolling."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
     words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 

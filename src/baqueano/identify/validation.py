@@ -39,7 +39,7 @@ from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import text, verdict_line
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import tells_pose
+from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
 
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
@@ -117,7 +117,7 @@ class _ChannelError(NamedTuple):
     square: float  # mean e²
     white: float  # w² of (2)
     g: np.ndarray  # (B,) log of the mean square of each block
-    t_s: np.ndarray  # (B,) begin of each block
+    t_s: np.ndarray  # (B,) beginning of each block
     block_s: float = BLOCK_S
 
 
@@ -168,7 +168,7 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
 
 def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
     """Return a note on the horizon, the start and the amount of motion of the test."""
-    has_pose = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into segments
+    has_pose = any(measures_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into segments
     spans = [min(run.duration_s, POSE_S) if has_pose else run.duration_s for run in runs]
     least, most = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
     if all(rest) and not has_pose:

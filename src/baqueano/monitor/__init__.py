@@ -1,4 +1,4 @@
-"""Detect a wrong sensor: compare runs of readings with the model, and use the other numbers as a third witness.
+"""Detect a wrong sensor: compare runs of readings with the model of the commands; other numbers are the third witness.
 
 agreement.py judges the numbers, witness.py decides between sensor and model, findings.py formulates the message.
 """

@@ -36,9 +36,7 @@ SIGMA = 4.0
 SLOW, FAST = 0.5, 2.0  # of (3)
 STEP_S = 0.1  # longest time that one reading counts for: five readings of a slow sensor make an event
 TINY = 1e-300
-BEFORE_REST = (
-    5.0  # factor on the standard deviation of a bias in the file, before a rest: the file may be old
-)
+BEFORE_REST = 5.0  # factor on the std of a bias in the file, before a rest: the file may be old
 LARGEST = 20.0  # limit of the evidence
 MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 

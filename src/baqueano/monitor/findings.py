@@ -13,10 +13,8 @@ NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
 )  # fmt: skip
 SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
 SURE = 3.0  # log odds: 20 to 1
-NOTHING, PROPORTIONAL = (
-    0.15,
-    0.7,
-)  # ratio below which a reading is zero; part of the signal that one factor explains
+# ratio below which a reading is zero; part of the signal that one factor explains
+NOTHING, PROPORTIONAL = 0.15, 0.7
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,8 @@ from baqueano.vehicle_file.garage import names
 
 BLOCKS = ("my_estimator.py", "my_guide.py", "my_controller.py")
 NOTEBOOK = "first_evening.ipynb"
-GUESSED = (
-    Path(__file__).parent / "guesses"
-)  # for each vehicle of the garage, the values that a user would guess
+# for each vehicle of the garage, the values that a user would guess
+GUESSED = Path(__file__).parent / "guesses"
 TRUTH = "simulated.toml"
 OFF = 0.15  # standard deviation of ln(true value / guess) in a simulation
 FOUND_BY_A_FIT = ("fitted", "gain", "term")  # roles of parameters

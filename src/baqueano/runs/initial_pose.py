@@ -1,7 +1,7 @@
 """Find the initial pose of a replay from the run.
 
-A run of baqueano contains its start. In an external recording it is interpolated from the truth. If the truth is
-without velocities (a camera), they are
+A run of baqueano contains its start. In an external recording it is interpolated from the truth. If the truth
+lacks velocities (a camera), the velocity is
 
     ν = J(ψ)ᵀ (η(t₀ + T) − η(t₀)) / T,   ψ in the middle                                                  (1)
     ν = 0  if  |ν_i(t₀)| < 0.1 max |ν_i| until t₀ + T  on every axis that moves                            (2)

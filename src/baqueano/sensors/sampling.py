@@ -170,7 +170,7 @@ def mistakes(sensor: Tree, z: np.ndarray) -> np.ndarray:
     return np.zeros((0, len(z))) if own is None else own(z)
 
 
-def tells_pose(sensor: Tree) -> bool:
+def measures_pose(sensor: Tree) -> bool:
     """Return True for a sensor of position and heading; with one, a run may begin anywhere in the map."""
     return optional.of(sensor, "difference") is not None and sensor.size >= 3
 

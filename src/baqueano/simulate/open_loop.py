@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 
-class OpenLoopState(NamedTuple):
+class OpenLoopInput(NamedTuple):
     """The inputs of a tick."""
 
     u: np.ndarray  # (n,) the command
@@ -121,7 +121,7 @@ def simulate(
     world = world_init(system.model, system.sensors)
     start = system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0"))
     world = world._replace(vehicle=start)
-    _, outputs = kernel.run(OpenLoopState(u, draws), carry=world)
+    _, outputs = kernel.run(OpenLoopInput(u, draws), carry=world)
     t_ns = times(len(u), rate)
     run = Run(
         name,
@@ -168,15 +168,15 @@ def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """Return the compiled open loop (1): a `scan` over OpenLoopState, WorldState → Readings."""
+    """Return the compiled open loop (1): a `scan` over OpenLoopInput, WorldState → Readings."""
     dt_s = 1.0 / rate_hz
 
-    def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Readings]:
+    def step(state: WorldState, x: OpenLoopInput) -> tuple[WorldState, Readings]:
         unit = quiet(sensors) if x.noise is None else x.noise
         state, truth, slots = world_step(model, sensors, state, x.u, dt_s, unit)
         return state, Readings(truth, slots)
 
-    example = OpenLoopState(np.zeros(model.commands), quiet(sensors) if noise else None)
+    example = OpenLoopInput(np.zeros(model.commands), quiet(sensors) if noise else None)
     return scan(step, world_init(model, sensors), example, backend=backend)
 
 

@@ -58,9 +58,8 @@ GAINS = {
     name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
 }
 STAGES_S = 15.0, 30.0  # of the experiment: the fits of the animation before the complete one
-SCALE = (
-    1.015  # of the gyro in truth: no sensor on board shows it, and its data sheet allows twice that deviation
-)
+# of the gyro in truth: no sensor on board shows it, and its data sheet allows twice that deviation
+SCALE = 1.015
 
 
 @dataclass(frozen=True)
@@ -225,9 +224,8 @@ def demo(
 
     say(_("1/6 experiment  60 s of random steps"))
     u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed, rest_s=2.0)
-    once = (
-        "python" if chosen(backend) == "c" else backend
-    )  # one run with this model does not repay compiling C
+    # one run with this model does not repay compiling C
+    once = "python" if chosen(backend) == "c" else backend
     run = experiment(file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
     show(folder / EXPERIMENT)
     say(_("2/6 identify    the model from commands and IMU"))

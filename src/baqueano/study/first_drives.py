@@ -1,9 +1,9 @@
 """`baqueano study first-drives`: unknown vehicles, driven carefully in a small room.
 
 Robots of truth/, with independent physics, and a planner that has garage/small unchanged. Both gains are 0.3 to 3 times
-those of the file (log-uniform, equal within ± 25 %), the four dead zones 0 to 0.4, friction at rest up to 1.3 times
-that in motion. The wiring is in turn right, with the left or the right motor inverted, or with both motors swapped. The
-criteria are contact of a body with a wall, its smallest distance, and the right diagnosis of the wiring.
+those of the file (log-uniform, equal within ± 25 %). The four dead zones are 0 to 0.4; friction at rest is up to 1.3
+times that in motion. The wiring is in turn right, with the left or the right motor inverted, or with both motors
+swapped. The criteria are contact of a body with a wall, its smallest distance, and the right diagnosis of the wiring.
 """
 
 from collections.abc import Callable

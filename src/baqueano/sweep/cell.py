@@ -44,11 +44,8 @@ class SweepSettings(NamedTuple):
     """The settings shared by all drives."""
 
     laps: int = 1
-    start: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # initial pose of the vehicle, relative to the route's first pose
+    # initial pose of the vehicle, relative to the route's first pose
+    start: tuple[float, float, float] = 0.0, 0.0, 0.0
     alignment: str = "none"
     over_s: float = 1.0
     backend: str = "auto"

@@ -4,7 +4,7 @@
     joined          the length of the reference after which the vehicle stays within JOINED_M of its path  (3)
     laps            complete laps before it is LOST_M from its path, or stops                              (4)
 
-Cross-track, speed, ATE and RPE are those of compare/. The vehicle is compared with the truth if it is known, else by
+Cross-track, speed, ATE and RPE are those of compare/. The motion of the vehicle is the truth if it is known, else
 the estimate. NEES and NIS are means per degree of freedom, 1 if consistent.
 """
 

@@ -4,7 +4,7 @@ The numbers of the arguments are written into one row of floats. The kernel of a
 which is read as the result. Types, None and text belong to the shape of an argument, and are checked.
 
 A filter carries many zeros: states that never correlate. If zeros of the first state stay zero by induction, the kernel
-is simplified for them. Each call checks these zeros; if one is not 0, a general kernel is compiled.
+is simplified for them. Each call checks these zeros; if one is not 0, a general kernel runs instead.
 
 The methods of blocks with equal parameters have the same code: graph and kernel of the newest ones are kept.
 """

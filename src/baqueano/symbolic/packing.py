@@ -198,7 +198,7 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
 
 
 def _wrong(shape: Shape, tree: Tree) -> None:
-    """Raise ShapeMismatch if the tree is wrong. It is not if a text is equal but another object."""
+    """Raise ShapeMismatch if the tree is wrong. A text that is equal, but another object, is correct."""
     try:
         flat = values(shape, tree)
     except ValueError as error:

@@ -1,6 +1,6 @@
 """Define the scan: a step, repeated over time, with all its uses.
 
-    carry_{k+1}, output_k = step(θ, carry_k, input_k)                                                             (1)
+    carry_{k+1}, output_k = step(θ, carry_k, input_k)                                                     (1)
 
 `scan` traces the step once, at once, so that its errors are raised here. Code is generated and compiled when a method
 is first called. With the back end "numpy" nothing is traced: the step runs unchanged.
@@ -312,11 +312,8 @@ class TracedScan(Scan):
         with self.trace.graph.lock:
             if key not in self.summing:
                 program = summed(assembly.program, slopes)
-                self.summing[key] = (
-                    assembly,
-                    program,
-                    Runner(program, self.requested_backend),
-                )  # the id stays taken
+                # the id stays taken
+                self.summing[key] = assembly, program, Runner(program, self.requested_backend)
         return self.summing[key][1:]
 
     def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
@@ -350,7 +347,7 @@ class TracedScan(Scan):
         return self._check(keep_all, self._flat_start(carry) if flat is None else flat)
 
     def _begin(self, keep_all: bool) -> Tree:
-        """Return the same for the start that was given with the step."""
+        """Return the kernel to run and its start values for the start that was given with the step."""
         if self.carry_function is not None:
             return self._runner(keep_all, given_start=False), np.zeros(0)
         return self._check(keep_all, self._flat_start(None))

@@ -67,7 +67,7 @@ def effort(limit: np.ndarray, output: Tree) -> Tree:
     return np.sum(part * part)
 
 
-def shown(limit: np.ndarray, output: Tree) -> TickErrors:
+def tick_errors(limit: np.ndarray, output: Tree) -> TickErrors:
     """Return distance, heading error and saturation of a tick."""
     d = output.record.reference.eta - output.truth.eta
     full = (np.abs(output.record.command.u) >= limit) & (limit > 0.0)

@@ -1,8 +1,8 @@
 """Tune gains: minimise the paper's cost plus a price on jerks (cost.py), with exact gradients of the compiled loop.
 
 The vehicle starts `aside_m` behind and beside its route, so that the feedback has an effect: on its route, a vehicle
-with an exact model does not need feedback. The paper's cost only is jerk_m2 = 0 and aside_m = 0; its gains switch the
-command from limit to limit.
+with an exact model does not need feedback. With jerk_m2 = 0 and aside_m = 0 the cost is that of the paper; its gains
+switch the command from limit to limit.
 
 By default the pose in the loop is exact, as in the paper ("η_e is obtained by simulating the system"). With
 `estimator=True` the file's own estimator is in the loop, and the sensors have noise. The cost then uses the true pose.
@@ -70,7 +70,7 @@ def tune(
     References
     ----------
     Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route; jerk_m2=0,
-    aside_m=0 give the paper's alone (cost.py).
+    aside_m=0 give only the cost of the paper (cost.py).
 
     Examples
     --------
@@ -83,15 +83,15 @@ def tune(
     rehearsal = rehearse(vehicle_file, route, **options)
     before = rehearsal.space.before
     own = [before] if np.all(np.isfinite(before)) else []
-    nominal, descents = searched(rehearsal.nominal(), own, starts, polish)
+    nominal, descents = search_gains(rehearsal.nominal(), own, starts, polish)
     if descents[0].cost >= UNUSABLE:
         raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
     worst = None
     if len(rehearsal.vehicles) > 1:
         seed, sharp = options.get("seed", 0), descents[0].gains
         rehearsal = replace(rehearsal, space=nominal.space, legs=nominal.legs)
-        rehearsal, robust = searched(rehearsal, [sharp, *own], 1, False)
-        worst, descents = judged(vehicle_file, rehearsal, robust, sharp, seed)
+        rehearsal, robust = search_gains(rehearsal, [sharp, *own], 1, False)
+        worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, sharp, seed)
     else:
         rehearsal = nominal
     fresh = None
@@ -100,7 +100,7 @@ def tune(
     return _tune_result(vehicle_file, rehearsal, descents, own, worst, fresh, options.get("controller"))
 
 
-def searched(
+def search_gains(
     rehearsal: Rehearsal, own: list[np.ndarray], starts: int, polish: bool
 ) -> tuple[Rehearsal, list[Descent]]:
     """Return the drives with the bounds that were needed, and the descents, the least cost first.
@@ -120,7 +120,7 @@ def searched(
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
             break
         rehearsal, own, starts = replace(rehearsal, space=wider), [best], 0
-    if rehearsal.remembers(best):
+    if rehearsal.initial_memory_depends_on(best):
         space, rehearsal = rehearsal.space, rehearsal.begun_with(best)
         second = descend(rehearsal.cost_and_gradient, best, space.low, space.high)
         rehearsal = rehearsal.begun_with(second.gains)
@@ -128,7 +128,7 @@ def searched(
     return rehearsal, descents
 
 
-def judged(
+def rank_by_worst_case(
     vehicle_file: "VehicleFile", rehearsal: Rehearsal, robust: list[Descent], sharp: np.ndarray, seed: int
 ) -> tuple[WorstCase, list[Descent]]:
     """Return the worst costs over other vehicles, and the descents, the least worst cost first.

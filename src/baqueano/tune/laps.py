@@ -18,7 +18,7 @@ from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_o
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
-from baqueano.tune.cost import Weights, jerk, path_cost, shown
+from baqueano.tune.cost import Weights, jerk, path_cost, tick_errors
 from baqueano.tune.rehearsal import ASIDE_M, HUBER_M, JERK_M2, TICKS_FROM, rms, unquantised, weights_of
 from baqueano.tune.search_space import SearchSpace, search_space
 
@@ -125,7 +125,7 @@ def simulated_laps(
     ticks = min(lasting, round(LONGEST_S * rate))
 
     def output(loop_output: Tree) -> _LapTick:
-        errors = shown(limit, loop_output)
+        errors = tick_errors(limit, loop_output)
         eta, cost = loop_output.truth.eta, path_cost(weights, loop_output)
         return _LapTick(eta[0], eta[1], cost, jerk(limit, loop_output), errors.distance_m, errors.saturated)
 

@@ -31,7 +31,7 @@ from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
 from baqueano.simulate.system import Input, System, SystemState, begin, flat
 from baqueano.symbolic import Scan, put
-from baqueano.tune.cost import Weights, shown, tick_cost
+from baqueano.tune.cost import Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
 from baqueano.worlds.noise import stream
 
@@ -111,7 +111,7 @@ class Rehearsal:
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
         """Return C (k,) for k sets of gains (k, p).  (1)"""
-        return softest(self.of_vehicles(gains))
+        return soft_maximum(self.of_vehicles(gains))
 
     def of_vehicles(self, gains: np.ndarray) -> np.ndarray:
         """Return the cost C_v (k, v) of each vehicle for k sets of gains (k, p)."""
@@ -123,7 +123,7 @@ class Rehearsal:
         """Return C and ∂C/∂gains (p,).  (2)"""
         own = np.broadcast_to(gains, (len(self.vehicles), len(gains)))
         each, slopes = self._mean(np.concatenate([own, self.vehicles], axis=1), len(gains))
-        cost = float(softest(each[None])[0])
+        cost = float(soft_maximum(each[None])[0])
         if not np.isfinite(cost):
             return cost, np.full(len(gains), np.nan)
         weight = (each / cost) ** (POWER - 1) / len(each) if cost > 0.0 else np.zeros(len(each))
@@ -145,7 +145,7 @@ class Rehearsal:
         legs = tuple(leg._replace(start=_at_start(leg.start, block)) for leg in self.legs)
         return replace(self, legs=legs)
 
-    def remembers(self, gains: np.ndarray) -> bool:
+    def initial_memory_depends_on(self, gains: np.ndarray) -> bool:
         """Return True if the controller's initial memory depends on the gains.
 
         The drives then start with the memory of `space.block`.
@@ -179,7 +179,7 @@ class Rehearsal:
         return drives >= LANES_FROM if slopes else drives * leg.ticks >= TICKS_FROM and drives > 1
 
 
-def softest(each: np.ndarray) -> np.ndarray:
+def soft_maximum(each: np.ndarray) -> np.ndarray:
     """Return the combined cost (k,) of costs (k, v).  (1)"""
     worst = np.max(each, axis=1, keepdims=True)
     safe = np.where((worst > 0.0) & np.isfinite(worst), worst, 1.0)
@@ -232,12 +232,13 @@ def rehearse(
 ) -> Rehearsal:
     """Return the cost of the drives along `routes`, as compiled functions of the gains.
 
-    `controller` replaces that of the file. `gains` and their `bounds` are all parameters of the controller by default.
-    The drive has `laps` laps of each route, or lasts `duration_s`. `radian_m` is the weight of a radian; errors beyond
-    `huber_m` count linearly. `jerk_m2` is the price of a change of the command by its limit within a tick. `effort_m2`
-    is the price of a tick at the limit; the paper lacks both prices. `aside_m` is the distance of the vehicle's start
-    behind and to the left of the route's start; 0 in the paper. `estimator` adds the estimator to the loop, with the
-    noise of `seeds` seeds from `seed` on. `draws` is the number of vehicles from the covariance of the fit.
+    `controller` replaces that of the file. `gains` names the tuned parameters, by default all of the controller, and
+    `bounds` their bounds. The drive has `laps` laps of each route, or lasts `duration_s`. `radian_m` is the weight of a
+    radian; errors beyond `huber_m` count linearly. `jerk_m2` is the price of a change of the command by its limit
+    within a tick. `effort_m2` is the price of a tick at the limit; the paper lacks both prices. `aside_m` is the
+    distance of the vehicle's start behind and to the left of the route's start; 0 in the paper. `estimator` adds the
+    estimator to the loop, with the noise of `seeds` seeds from `seed` on. `draws` is the number of vehicles from the
+    covariance of the fit.
     """
     weights = weights_of(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
@@ -270,7 +271,7 @@ def _leg(
     ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths)
     start = begin(system, compose(start_of(system), np.array([-aside_m, aside_m, 0.0])))
-    kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(shown, limit))
+    kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(tick_errors, limit))
     return Leg(system, rate, ticks, start, *kernels)
 
 

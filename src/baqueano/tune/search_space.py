@@ -24,12 +24,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 THE_PAPERS = ("alpha", "beta", "gamma")
-SMALLEST = {
-    "m": 0.005,
-    "rad": 0.01,
-    "rad/s": 0.05,
-    "m/s": 0.02,
-}  # smallest error that may request the full command
+# smallest error that may request the full command
+SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}
 SPREAD = 20.0  # factor to either side for a size without bounds
 WIDER = 4.0  # factor on a soft bound, before a search is repeated
 

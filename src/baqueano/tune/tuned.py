@@ -22,17 +22,8 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
-FACTORS = (
-    0.5,
-    0.65,
-    0.8,
-    0.9,
-    1.0,
-    1.1,
-    1.25,
-    1.6,
-    2.0,
-)  # factors on a gain, for the cost around the optimum
+# factors on a gain, for the cost around the optimum
+FACTORS = (0.5, 0.65, 0.8, 0.9, 1.0, 1.1, 1.25, 1.6, 2.0)
 AGREE = 1e-3  # costs that differ by less than this part are the same
 
 
@@ -81,7 +72,7 @@ class TuneResult(Result):
         Cost of the whole drive.
     cost_before : float [m²]
         Cost with the file's gains; NaN if it lacked them.
-    cost_standing : float [m²]
+    cost_uncontrolled : float [m²]
         Cost without any control.
     weights : Weights
         Settings of the cost.
@@ -120,7 +111,7 @@ class TuneResult(Result):
     gains: tuple[Gain, ...]
     cost: float
     cost_before: float
-    cost_standing: float
+    cost_uncontrolled: float
     weights: "Weights"
     drive: TunedDrive
     descents: tuple["Descent", ...]
@@ -157,7 +148,7 @@ class TuneResult(Result):
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons against these gains: one error, or all warnings."""
-        if not self.cost < 0.5 * self.cost_standing:
+        if not self.cost < 0.5 * self.cost_uncontrolled:
             far_m = self.drive.distance_rms_m
             return (note("tune.uncontrolled", Severity.ERROR, distance_m=far_m),)
         messages = []
@@ -177,7 +168,11 @@ class TuneResult(Result):
     def rows(self) -> list["TableRow"]:
         """Return a flat row per gain."""
         drive = self.drive._asdict()
-        whole = {"cost": self.cost, "cost_before": self.cost_before, "cost_standing": self.cost_standing}
+        whole = {
+            "cost": self.cost,
+            "cost_before": self.cost_before,
+            "cost_uncontrolled": self.cost_uncontrolled,
+        }
         whole |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreed}
         whole["evaluations"] = len(self.history)
         whole |= {f"worst_{name}": x for name, x in (self.worst._asdict() if self.worst else {}).items()}
@@ -212,7 +207,7 @@ class TuneResult(Result):
             _(
                 "cost {before}{cost:.4g} m²{over}, {standing:.4g} without control; a radian weighs "
                 "{radian_m:.3g} m; {loop}",
-                before=before, cost=self.cost, over=over, standing=self.cost_standing, radian_m=w.radian_m,
+                before=before, cost=self.cost, over=over, standing=self.cost_uncontrolled, radian_m=w.radian_m,
                 loop=_(self.loop),
             ),
             _(

@@ -21,8 +21,8 @@ from baqueano.vehicle_file.tables import (
     DERIVED,
     KeyPath,
     Sheet,
+    argument_names,
     arguments,
-    asks_for,
     keys_of,
     missing,
 )
@@ -166,7 +166,7 @@ def room(
     values = arguments(sheet, path, keys, table)
     values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
     lacking = missing(keys, values)
-    values |= {k: v for k, v in given.items() if k in asks_for(block)}
+    values |= {k: v for k, v in given.items() if k in argument_names(block)}
     return BlockRoom(block, values, [k for k in lacking if k not in table])
 
 
@@ -179,7 +179,7 @@ def construct(
     commands: int | None = None,
 ) -> Any:
     """Return an object of the class. Its refusal is noted as a problem of its table, and the result is None."""
-    names = asks_for(kind)
+    names = argument_names(kind)
     values = dict(values)
     for name, key in keys_of(kind).items():
         if isinstance(values.get(name), dict):

@@ -129,11 +129,9 @@ class VehicleFile:
     _repr_html_ = Result._repr_html_
 
     def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """Return the block of [estimator]; `changes` are fields that replace those of the file.
-
-        `kind` replaces the block: a kind of ours, "file.py:Class", a class, which is made with the values of the file,
-        or a block, which is returned unchanged.
-        """
+        """Return the block of [estimator]; `changes` are fields that replace those of the file. `kind` replaces the
+        block: a kind of ours, "file.py:Class", a class, which is made with the values of the file, or a block, which
+        is returned unchanged."""
         return self._block("estimator", kind, changes)
 
     def kind(self, room: str) -> type:
@@ -155,10 +153,8 @@ class VehicleFile:
         return self._block("guide", kind, changes, arguments)
 
     def value(self, dotted: str) -> Any:
-        """Return the value, or the default, of a key of the file: "model.friction.linear".
-
-        UsageError with the nearest keys if the name is unknown.
-        """
+        """Return the value, or the default, of a key of the file: "model.friction.linear". Raise UsageError with the
+        nearest keys if the name is unknown."""
         from baqueano.vehicle_file.paths import value_in_force
 
         return value_in_force(self, dotted)
@@ -170,21 +166,17 @@ class VehicleFile:
         parameter_cov: ParameterCov | None = None,
         envelope: Envelope | None = None,
     ) -> "VehicleFile":
-        """Return the file with other `values` {dotted key: value} and all comments, checked like any file.
-
-        UsageError for a key that no block reads, or without tomlkit.
-        """
+        """Return the file with other `values` {dotted key: value} and all comments, checked like any file. Raise
+        UsageError for a key that no block reads, or without tomlkit."""
         from baqueano.vehicle_file.text.edit import edited
 
         text = edited(self, values, provenance or {}, parameter_cov, envelope)
         return parse(text, self.label, self.path, self.layers, self.on_disk)
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Write the text, whole or not at all, to `path` or to its present place, and return the path.
-
-        FileError if another program changed the file since it was read, or if it cannot be written. UsageError for a
-        file of the garage without a path.
-        """
+        """Write the text, whole or not at all, to `path` or to its present place, and return the path. Raise FileError
+        if another program changed the file since it was read, or if it cannot be written. Raise UsageError for a file
+        of the garage without a path."""
         from baqueano.vehicle_file.text.edit import write_whole
 
         target = write_whole(self, path)
@@ -269,7 +261,11 @@ class VehicleFile:
             }.get(room, "")
             code = "vehicle.lacks-found-by" if verb else "vehicle.lacks"
             raise FileError(fault(code, verb, file=sheet.name, room=room, keys=lacking))
-        if room == "guide" and "route" not in arguments and {"t_s", "route"} & build.asks_for(read.kind):
+        if (
+            room == "guide"
+            and "route" not in arguments
+            and {"t_s", "route"} & build.argument_names(read.kind)
+        ):
             raise UsageError(fault("vehicle.no-route", guide=read.kind.__name__))
         block = build.construct(sheet, (room,), read.kind, {**read.values, **changes}, self._around)
         sheet.finish()
@@ -376,10 +372,8 @@ def _folder(path: Path | None, on_disk: str | None) -> str | None:
 
 
 def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
-    """Check the tables of the loop's blocks.
-
-    A missing key is an error only when its block is used: `tune` finds gains, `identify` finds noise.
-    """
+    """Check the tables of the loop's blocks. A missing key is an error only when its block is used: `tune` finds
+    gains, `identify` finds noise."""
     for room in LOOP_ROOMS:
         if room not in file.data or (file.on_disk is None and _is_users(file.data[room])):
             continue  # from a run: the user's file may have moved since

@@ -105,7 +105,7 @@ def _hints(kind: type) -> "JsonObject":
         return {}
 
 
-def asks_for(kind: type) -> set[str]:
+def argument_names(kind: type) -> set[str]:
     """Return the names of all arguments that a class takes."""
     if dataclasses.is_dataclass(kind):
         return {f.name for f in dataclasses.fields(kind) if f.init}

@@ -28,7 +28,7 @@ from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.friction import ZERO
 from baqueano.vehicles.rk4 import rk4
-from baqueano.vehicles.state import VehicleState, arrived
+from baqueano.vehicles.state import VehicleState, end_of_tick
 
 DRIVEN = 0.01  # effort from which on a motor counts as driven
 LEAST_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
@@ -181,7 +181,7 @@ class Car:
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         kick = self.process_noise_std * np.sqrt(dt_s) * noise
         nu = self._nu(nu[0] + kick[0], nu[2] + kick[2])
-        return arrived(self, state, eta, nu, drivetrain, effort, dt_s)
+        return end_of_tick(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _duty(self, effort: float) -> float:
         """Return the part of the time in which the motor is driven.  (5)"""

@@ -76,7 +76,7 @@ def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Drivetrain:
-    """Drivetrain from the command u (n,) to the effort.
+    """Drivetrain from the command u (n,) to the effort (n,).
 
     Arrays hold one value per channel: (k,), or (1,) for all channels. k is 2 for two wheels, else n. The first six
     fields are configuration and never traced.

@@ -1,4 +1,4 @@
-"""The paper's kinematic model: a command is a velocity, without delay.
+"""The paper's kinematic model: an effort is a velocity, without an acceleration before it.
 
     ν = V e − (0, k ν_x ν_ψ, 0)                                                                           (1)
     ν̇ = (ν − ν_before) / δ                                                                                (2)

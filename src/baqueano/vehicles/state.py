@@ -86,7 +86,7 @@ class DynamicVehicle(Vehicle, Protocol):
         ...
 
 
-def arrived(
+def end_of_tick(
     model: DynamicVehicle,
     before: VehicleState,
     eta: np.ndarray,

@@ -58,7 +58,7 @@ class Head(NamedTuple):
 
 
 class Content(NamedTuple):
-    """The body of an answer: bytes, or a file that is sent in segments."""
+    """The body of an answer: bytes, or a file that is sent in chunks."""
 
     kind: str
     content: bytes | Path

@@ -143,7 +143,7 @@ class Live:
         self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Stop at once, for each visitor with the role STOP, without the lease."""
+        """Stop at once, for each visitor whose role permits a stop, also without the lease."""
         self._needs(visitor, Role.STOP)
         self._link.say("stop", why=stop(StopReason.STOPPED_BY, words=visitor.name))
 

@@ -78,8 +78,7 @@ async def show_vehicle(
 
     Raise RobotUnreachable if the service ends before it describes the vehicle, or ends although it should be
     `lasting`. `robot` gives the local vehicle file and the folder of routes. `vehicle` is the file whose parameters
-    are identified.
-    `meet` receives a function that returns the number of connected browsers.
+    are identified. `meet` receives a function that returns the number of connected browsers.
     """
     lab, shelf = Lab(), Shelf(how.folder)
     link = await start()
@@ -99,9 +98,8 @@ async def show_vehicle(
     description, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
-        greeting_s = (
-            GREETING_S if robot is None else QUIET_S
-        )  # a robot describes itself only with its first drive
+        # a robot describes itself only with its first drive
+        greeting_s = GREETING_S if robot is None else QUIET_S
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))

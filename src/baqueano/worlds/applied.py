@@ -5,8 +5,8 @@
   u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
 The mean in telemetry is that of its own span, which ended up to a period before the tick. If it were taken for the
-tick's mean, a fit would find motors that are quicker than the real ones, by 2 to 11 ms depending on the phase. (3)
-corrects an error of (2) (a kick, dither, a late frame) one tick later, so errors do not accumulate.
+tick's mean, a fit would find motors too quick by 2 to 11 ms, depending on the phase. (3) corrects an error of (2) (a
+kick, dither, a late frame) one tick later, so errors do not accumulate.
 """
 
 from collections import deque

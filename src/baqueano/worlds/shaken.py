@@ -45,12 +45,12 @@ def shaken_step(
     body, motion = vehicle.step(pushed_state, u, dt_s, noise.vehicle)
     a, gravity = _acceleration(vehicle, body.eta, shake)
     nu = body.nu + 0.5 * dt_s * a
-    late = _slower(vehicle, body.eta[2], body.nu, nu)  # ν̇ of the tick is that before the second half
+    late = _drag_difference(vehicle, body.eta[2], body.nu, nu)  # ν̇ of the tick is that before the second half
     body = body._replace(nu=nu, nu_dot=body.nu_dot + late + a)
     truth = _disturb(motion, late + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
         begin, middle, end = motion.tick
-        first_slope = _slower(vehicle, before.eta[2], pushed_state.nu, before.nu)
+        first_slope = _drag_difference(vehicle, before.eta[2], pushed_state.nu, before.nu)
         truth = truth._replace(
             tick=(
                 _disturb(begin, first_slope + a, gravity),
@@ -89,7 +89,7 @@ def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tupl
     return vehicle.init(nu=np.array([a[0], a[1], 0.0])).nu, gravity
 
 
-def _slower(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> np.ndarray:
+def _drag_difference(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> np.ndarray:
     """Return the difference of ν̇ (3,) between two velocities, from the forces that oppose the motion."""
     own, off = optional.of(vehicle, "nu_dot"), np.zeros(vehicle.commands)
     return np.zeros(3) if own is None else own(then, off, psi) - own(nu, off, psi)
@@ -176,7 +176,7 @@ class ShakenWorld(SimulatedWorld):
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
     def shake(self, one: FaultLike) -> Fault:
-        """Begin a fault with the next tick, which sets its `at_s`; each thread may call this.
+        """Begin a fault with the next tick, which sets its `at_s`; any thread may call this.
 
         Raise UsageError for a fault that this vehicle cannot have, or if there are too many.
         """
@@ -187,7 +187,7 @@ class ShakenWorld(SimulatedWorld):
         return valid_fault
 
     def over(self, number: int) -> None:
-        """End a fault with the next tick; each thread may call this. Raise UsageError for an unknown number."""
+        """End a fault with the next tick; any thread may call this. Raise UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
             raise UsageError(fault("shake.no-number", found=number, most=len(self.faults)))
         self._coming.append(number)

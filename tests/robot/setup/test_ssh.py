@@ -24,7 +24,10 @@ OPTIONS = [
 @pytest.mark.parametrize("host", OPTIONS)
 def test_a_host_that_would_be_an_option_is_refused(programs, host):
     calls = programs(ssh="exit 0")
-    for go in (lambda: exclusive_hardware.there(host, "robot", "doctor"), lambda: install.machine_at(host)):
+    for go in (
+        lambda: exclusive_hardware.rows_from_host(host, "robot", "doctor"),
+        lambda: install.machine_at(host),
+    ):
         with refused("ssh.host", UsageError):
             go()
     with refused("ssh.host", UsageError), remote.reached(host):
@@ -43,7 +46,7 @@ def test_the_host_follows_the_double_dash_in_ssh_commands(host, words):
 @pytest.mark.parametrize(
     "go",
     [
-        lambda: exclusive_hardware.there("r1", "robot", "doctor"),
+        lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),
         lambda: install.machine_at("r1"),
         lambda: install.remove("r1", install.TargetMachine((3, 11), "aarch64", "pi")),
         lambda: deployed_vehicle_file.renewed("r1", None),
@@ -67,7 +70,10 @@ def test_setup_steps_are_printed_without_terminal_control_codes(programs, capfd)
 def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
     monkeypatch.setattr(ssh, "LONGEST", 1 << 20)
     programs(ssh="yes")
-    for go in (lambda: exclusive_hardware.there("r1", "robot", "doctor"), lambda: install.machine_at("r1")):
+    for go in (
+        lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),
+        lambda: install.machine_at("r1"),
+    ):
         with refused("ssh.too-much", RobotUnreachable, most_mb=1):
             go()
 

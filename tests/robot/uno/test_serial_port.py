@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.uno import serial_port
-from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, roused
+from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, opened_early
 from tests.codes import refused
 
 pty = pytest.importorskip("pty", reason="this system has no pty")
@@ -109,7 +109,7 @@ def test_a_line_opened_before_the_service_is_closed_on_request(tmp_path):
     file.write_text(f'[robot]\nport = "{os.ttyname(slave)}"\n')
     os.set_blocking(master, False)
     os.close(slave)
-    give_back = roused(file)
+    give_back = opened_early(file)
     with pytest.raises(BlockingIOError):  # somebody has it open, and says nothing
         os.read(master, 10)
     give_back()
@@ -125,4 +125,4 @@ def test_a_missing_file_or_line_raises_no_error_before_the_service(tmp_path, tex
     file = tmp_path / "vehicle.toml"
     if text is not None:
         file.write_text(text)
-    roused(file)()
+    opened_early(file)()

@@ -94,13 +94,13 @@ def test_a_user_without_rights_to_stop_the_service_is_refused(programs):
 def test_an_error_at_a_host_is_raised_locally(programs, code, kind, match):
     programs(ssh=f"exit {code}")
     with pytest.raises(kind, match=match):
-        exclusive_hardware.there("r1", "robot", "doctor")
+        exclusive_hardware.rows_from_host("r1", "robot", "doctor")
 
 
 def test_an_interruption_at_a_host_interrupts_the_local_command(programs):
     programs(ssh="exit 130")
     with pytest.raises(KeyboardInterrupt):
-        exclusive_hardware.there("r1", "robot", "doctor")
+        exclusive_hardware.rows_from_host("r1", "robot", "doctor")
 
 
 @pytest.mark.parametrize(
@@ -109,19 +109,19 @@ def test_an_interruption_at_a_host_interrupts_the_local_command(programs):
 )
 def test_an_invalid_host_is_refused_before_ssh_starts(host, match):
     with refused(match[0], UsageError, **match[1]):
-        exclusive_hardware.there(host, "robot", "doctor")
+        exclusive_hardware.rows_from_host(host, "robot", "doctor")
 
 
 def test_a_port_is_passed_to_ssh_as_an_option(programs):
     calls = programs(ssh='echo \'{"rows": [], "verdict": ""}\'')
-    assert exclusive_hardware.there("me@r1:2222", "robot", "doctor") == []
+    assert exclusive_hardware.rows_from_host("me@r1:2222", "robot", "doctor") == []
     assert "-p 2222 -- me@r1 baqueano robot doctor --json" in calls.read_text()
 
 
 def test_heartbeats_reach_the_host_and_its_result_returns(programs, monkeypatch):
     monkeypatch.setattr(remote_session, "BEAT_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
-    assert exclusive_hardware.there("r1", "robot", "doctor") == [{"a": 1}]
+    assert exclusive_hardware.rows_from_host("r1", "robot", "doctor") == [{"a": 1}]
 
 
 DOCTOR = (

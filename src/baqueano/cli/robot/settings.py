@@ -62,7 +62,7 @@ def settings(
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
     from baqueano.robot.uno.serial_port import connected
-    from baqueano.robot.workshop.exclusive_hardware import service_off, there
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
 
     changes = typed(given)
     uno_settings.changed(Settings(), changes)  # a wrong one is reported before anything is opened
@@ -79,7 +79,7 @@ def settings(
         words += ["--defaults"] if defaults else []
         words += [] if watch_s is None else [f"--watch={watch_s:g}"]
         stored_settings = uno_settings.StoredSettings.of(
-            there(host, "robot", "settings", "--vehicle", VEHICLE, *words)
+            rows_from_host(host, "robot", "settings", "--vehicle", VEHICLE, *words)
         )
     answer(stored_settings, as_json)
 

@@ -26,7 +26,7 @@ def doctor(
 ) -> None:
     from baqueano.robot import HOME, VEHICLE
     from baqueano.robot.workshop.doctor import Check, Report, examine
-    from baqueano.robot.workshop.exclusive_hardware import service_off, there
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
 
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
@@ -34,7 +34,7 @@ def doctor(
             report = examine(file.robot, Path("/"), Path(folder), jitter_s, talk)
     else:
         more = [f"--jitter={jitter_s:g}"] if jitter_s else []
-        rows = there(host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *more)
+        rows = rows_from_host(host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *more)
         report = Report([Check(**row) for row in rows])
     answer(report, as_json)
     if report.verdict == "bad":
@@ -55,7 +55,7 @@ def flash(
     from baqueano.robot import VEHICLE
     from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
-    from baqueano.robot.workshop.exclusive_hardware import service_off, there
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
 
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
@@ -64,7 +64,7 @@ def flash(
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
-        result = FlashResult(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
+        result = FlashResult(**rows_from_host(host, "robot", "flash", "--vehicle", VEHICLE)[0])
     answer(result, as_json)
 
 
@@ -89,7 +89,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     from baqueano.robot import VEHICLE
     from baqueano.robot.workshop.calibrate_imu import ImuReader, MountedImu
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import opened, there
+    from baqueano.robot.workshop.exclusive_hardware import opened, rows_from_host
 
     file = options.load_vehicle(vehicle, settings)
     if host == "here":
@@ -97,7 +97,9 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
             mounted_imu = find(ImuReader(floor.imu), talk)
     else:  # its service uses its own vehicle file, so that file is written there
         more = ["--update"] if update else []
-        mounted_imu = MountedImu.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
+        mounted_imu = MountedImu.of(
+            rows_from_host(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0]
+        )
     answer(mounted_imu, as_json)
     values = mounted_imu.values(file)
     options.kept(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)
@@ -117,7 +119,7 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     from baqueano.robot.service.configuration import config_of
     from baqueano.robot.workshop.calibrate_motors import Motors
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import opened, there
+    from baqueano.robot.workshop.exclusive_hardware import opened, rows_from_host
 
     motors: Any
     if host == "here":
@@ -126,5 +128,5 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
             floor.uno.configure(config_of(file.robot, floor.uno.info))
             motors = find(floor, talk)
     else:
-        motors = Motors.of(there(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
+        motors = Motors.of(rows_from_host(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
     answer(motors, as_json)

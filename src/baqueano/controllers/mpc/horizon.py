@@ -116,9 +116,8 @@ class Horizon:
         E, effort, drivetrain = before
         drivetrain = self._even.drivetrain.step(drivetrain, self._alive.T @ effort, dt_s)[0]
         k = np.minimum(np.arange(STEPS) + has_plan * dt_s / self._step_s, STEPS - 1.0)
-        E = (
-            np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
-        )  # linear interpolation between the steps
+        # linear interpolation between the steps
+        E = np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
         E = np.where(np.abs(E) < NUDGE, NUDGE * np.arange(1.0, self._k + 1.0), E)
         parts = eta, nu, drivetrain.past.ravel(), drivetrain.steps_s, drivetrain.lagged, eta_r, nu_r
         return E, drivetrain, np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""Model predictive control with the user's own model: optimise the next commands within their limits.
+"""Model predictive control with the user's own model: optimise the commands of `horizon_s` within their limits.
 
     x_{k+1} = f(x_k, ε_k)                     the vehicle's own step, with the motors' delay and lag       (1)
     r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / change_max)     e against the reference at k     (2)

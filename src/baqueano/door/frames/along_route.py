@@ -1,7 +1,7 @@
 """Follow the progress of a vehicle along a route, tick by tick.
 
-The nearest segment of the route within REACH_M of the last position counts, so that the crossing of an eight is not
-taken for a short cut:
+The nearest segment within REACH_M of the last position, measured along the route, counts. So the crossing of an eight
+is not taken for a short cut:
 
   s = s_k + t · (p − p_k),  t = (p_{k+1} − p_k)/|p_{k+1} − p_k|,  cross = t × (p − p_k)                  (1)
 """

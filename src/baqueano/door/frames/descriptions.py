@@ -79,7 +79,7 @@ def numbers_in(block: object) -> list[str]:
 
 
 def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
-    """Return the message of a drive's route, with empty lists of points without a route."""
+    """Return the message of a drive's route; its lists of points are empty if `route` is None."""
     if route is None:
         return {"is": "route", "x": [], "y": []}
     x, y = route.eta[:, 0], route.eta[:, 1]

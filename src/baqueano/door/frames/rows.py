@@ -33,9 +33,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 RING = 1024  # ticks that are kept for slow clients
-A_TURN = (
-    16  # rows that are made before the door reads again: a fast simulation makes thousands of ticks a second
-)
+# rows that are made before the door reads again: a fast simulation makes thousands of ticks a second
+A_TURN = 16
 MOST_HZ = 50.0  # frames a second
 NAN = float("nan")
 DRIVES = count()

@@ -20,7 +20,7 @@ SLOWEST, FASTEST = 0.05, 50.0
 class PacedClock:
     """The pace of all drives of a service.
 
-    `ticks` is the clock of one drive; each thread may call the other methods.
+    `ticks` is the clock of one drive; any thread may call the other methods.
     """
 
     def __init__(

@@ -215,7 +215,7 @@ class SimulatedService:
         )  # fmt: skip
 
     def end(self) -> None:
-        """Stop the vehicle, and end the service; callable from each thread and from a signal handler."""
+        """Stop the vehicle, and end the service; callable from any thread and from a signal handler."""
         self.operator.stop(stop(StopReason.SERVICE_ENDED))
         self.done.set()
 

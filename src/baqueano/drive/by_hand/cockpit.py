@@ -6,9 +6,9 @@ T is the round-trip time between the driver and the vehicle. A driver who sees t
 the distance driven unseen is not longer than at FAR_MS.
 
 Other requests go two ways: `words` for a vehicle behind a door (door/remote.py), `stop_reason` and `marks` for a world
-in this process. Either way the vehicle is stopped, and stays stopped, if the driver wants it (space, a button of the
-pad), the terminal is gone (no answer for 0.35 s, or closed), the pad was unplugged, or another process ends the
-program (SIGHUP, SIGTERM).
+in this process. Either way four events stop the vehicle for good: the driver presses space or a button of the pad; the
+terminal is gone (no answer for 0.35 s, or closed); the pad is unplugged; another process ends the program (SIGHUP,
+SIGTERM).
 
 A terminal that answers no query cannot confirm that it is connected. It drives by the letters that it repeats, each
 valid for a limited time (key_hold.py), and it cannot latch a set-point.

@@ -1,5 +1,4 @@
-"""Test if a command moves any motor: below the dead zone of all motors the vehicle stays at rest, without a sensor
-message.
+"""Test if a command moves any motor: below the dead zone of all motors the vehicle rests, and no sensor shows why.
 
   motor j turns if  w_j > forward_j  or  −w_j > backward_j,   w = the mixed command                     (1)
 
@@ -13,21 +12,21 @@ import numpy as np
 from baqueano.vehicles.drivetrain import Drivetrain
 
 
-class Short(NamedTuple):
-    """A command that moves no motor: the channel nearest to motion and its dead zone, in the unit of the command."""
+class BelowDeadZone(NamedTuple):
+    """A command that moves no motor: that of the motor nearest to motion, and its dead zone, in the unit of u."""
 
     channel: float
     dead_zone: float
 
 
-def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> Short | None:
+def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDeadZone | None:
     """Return the motor command that is nearest to motion, if a command u (n,) turns no motor; None otherwise.
 
     It is None also if u is zero. `drivetrain` may be None, for a vehicle without one.
 
     >>> from baqueano.vehicle_file import load
     >>> short_of_motion(load("small").vehicle.drivetrain, np.array([0.2, 0.0, 0.0]))
-    Short(channel=0.2, dead_zone=0.27)
+    BelowDeadZone(channel=0.2, dead_zone=0.27)
     """
     if drivetrain is None:
         return None
@@ -37,4 +36,4 @@ def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> Short | Non
     if not np.any(commanded) or np.any(np.abs(w)[commanded] > zone[commanded]):  # (1)
         return None
     nearest = np.flatnonzero(commanded)[np.argmin((zone - np.abs(w))[commanded])]
-    return Short(float(np.abs(w)[nearest]), float(zone[nearest]))
+    return BelowDeadZone(float(np.abs(w)[nearest]), float(zone[nearest]))

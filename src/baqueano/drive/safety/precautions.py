@@ -93,9 +93,10 @@ class Precautions:
     def around(
         self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,
     ) -> Guide:  # fmt: skip
-        """Return the guide with a path to the route, if the vehicle is not at its start, and a path back, if requested.
+        """Return the guide with `lead_in`, a path to a start from which the vehicle is away, and with `way_back`.
 
-        An estimator that takes no start pose begins at the pose that its sensors measure, so it always gets the path.
+        An estimator that takes no start pose begins at the pose that its sensors measure. With `lead_in` it therefore
+        always gets the path to the start.
         """
         off = start[:3] - route.eta[0]
         away = np.hypot(off[0], off[1]) > NEAR_M or abs(wrap(off[2])) > NEAR_RAD

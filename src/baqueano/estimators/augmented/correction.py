@@ -1,7 +1,7 @@
 """The correction of augmented_ekf.py: predict each number of a sensor, test it against a gate, and use it.
 
 A number beyond `gate_sigma` loses its weight; the other numbers keep theirs. An exception is a number whose previous
-innovation was as large: an outlier is a single one, but a turn that the model did not predict lasts. With the whitened
+innovation was similar: an outlier is a single one, but a turn that the model did not predict lasts. With the whitened
 innovation e, the previous one e₋, and the limit l of the gate, the weight w is
 
     w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD)                                       (1)
@@ -15,11 +15,11 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented.motion import pushed
+from baqueano.estimators.augmented.motion import disturbance_acceleration
 from baqueano.estimators.augmented.state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
-from baqueano.estimators.readings.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, growth, judged
+from baqueano.estimators.readings.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, gate_decision, growth
 from baqueano.estimators.readings.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
 from baqueano.parameter import INF
@@ -31,7 +31,7 @@ from baqueano.vehicles.effort import Effort
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-ABSURD = 1.5  # times the gate: a number beyond this never gets a weight near 1
+ABSURD = 1.5  # times the gate: a number beyond this always gets a weight below 0.5
 WITHIN = 0.9999  # of a sensor's range: a reading at its end is left out
 
 
@@ -82,7 +82,7 @@ def corrected(
     y, H, has = (np.concatenate(parts) for parts in (gaps, slopes, arrivals))
     Q, H_of_present = block_diagonal(noise), H * has[:, None]
     numbers = PlaceNumbers(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, ways)
-    of_place = judged(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
+    of_place = gate_decision(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
     if its.places:
         D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubted)
         x = x._replace(cov=mirrored(x.cov * np.outer(D, D)))
@@ -119,7 +119,9 @@ def expected(
         if bias.sensor == name:
             sensor = put(sensor, bias.path, get(sensor, bias.path) + mean[BIASES + k])
     if nu_dot is None:
-        nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + pushed(estimator.vehicle, d)
+        nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + disturbance_acceleration(
+            estimator.vehicle, d
+        )
     old_s = age_s(sensor, slot)
     turn = old_s * nu[2]
     way = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)

@@ -51,9 +51,9 @@ def ahead(
 
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
         unsure = unmoved_cov(row, mean, x.cov) + slipped(estimator, mean, row.dt_s)
-        return block_diagonal([kicks(estimator, mean[2], row, G[4, 4]), constant]) + block_diagonal(
-            [unsure, np.zeros((n - 3, n - 3))]
-        )
+        return block_diagonal(
+            [process_noise_cov(estimator, mean[2], row, G[4, 4]), constant]
+        ) + block_diagonal([unsure, np.zeros((n - 3, n - 3))])
 
     motion = predict(x, lambda mean: move(estimator, mean, slow, effort, row.moved_s, x.cov[2, 2]), R)
     return Gaussian(motion.mean, bounded(motion.cov))
@@ -69,7 +69,7 @@ def move(
 ) -> np.ndarray:
     """Return the mean (n,) after a row; `spread` [rad²] is the variance of the heading before it.  (2)-(4)"""
     vehicle, d, nu = estimator.vehicle, mean[6:SCALES], mean[3:6]
-    D = pushed(vehicle, d)
+    D = disturbance_acceleration(vehicle, d)
     step, way = (dt_s, 0.5 * dt_s**2) if is_dynamic(vehicle) else (1.0, dt_s)
     eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
     nu_next = nu_next + step * D
@@ -86,7 +86,7 @@ def slow_part(before: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
     return before + (d - before) * (1.0 - np.exp(-dt_s / SLOW_S))
 
 
-def pushed(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
+def disturbance_acceleration(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
     """Return D (3,).  (2)"""
     return _to_axes(vehicle) @ np.array([d[0], 0.0, d[1]])
 
@@ -97,13 +97,13 @@ def slipped(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndar
     return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * variance * mean[3] ** 2)
 
 
-def beside_wheels(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.ndarray:
+def wheel_velocity_cov(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.ndarray:
     """Return the covariance (3, 3) of ν relative to the wheels; `gain` is ν̇_x as the model predicts it.  (5), (6)"""
     variance, _, period_s = _slips(estimator)
     return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
 
 
-def kicks(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) -> np.ndarray:
+def process_noise_cov(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) -> np.ndarray:
     """Return the covariance (8, 8) that a row adds to (η, ν, d): the walks of ν and d, and the way that both cause.
 
     The way has the variance σ² δ³/3: σ² δ³/4 is correlated with the change of ν, σ² δ³/12 is not. The change of ν by d

@@ -9,10 +9,10 @@ than the sensors, and the estimate was worse than the model. So a number correct
     the pose                all of x
     ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no number measures only ν_ψ
     only ν_ψ (a gyro)       ψ, ν_y, ν_ψ, d_ψ; at rest also its bias
-    other inertial numbers  only its bias, at rest; with `speed_from` also ν_x, ν_y, d_x, at any time          (2)
+    other inertial number   its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
 
-h of the sensor shows what a number measures (sensor_numbers.py). An inertial number has a bias that walks. Without a
-pose sensor other biases are estimated only at rest: during a drive a model error looks like a bias.
+h determines what a number measures (sensor_numbers.py). A number whose bias walks is inertial. A model error looks like
+a bias: so biases outside `speed_from` are estimated only at rest, but by all numbers at any time with a pose sensor.
 """
 
 from functools import lru_cache
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SCALES, BIASES = 8, 12  # index of the first of κ, β, w, and of the first bias
 BEND = 11  # index of w: a large variance of the heading bends the region of the position; w is not estimated
 PLACE, TURNING, FORWARD = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
-LEADING = 2.5  # factor on the gate of a gyro, because no model predicts each turn
+LEADING = 2.5  # factor on the model's part of the gate of a gyro, because no model predicts each turn
 
 
 class Layout(NamedTuple):
@@ -48,10 +48,8 @@ class Layout(NamedTuple):
     biases: tuple[UncertainNumber, ...]
     moving: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
     resting: np.ndarray  # (m, n) at rest
-    patience: np.ndarray  # (m,) factor on the gate of each number
-    slope: (
-        np.ndarray
-    )  # (m, 2) derivative of each number by speed and yaw rate; 0 if it may not correct that one
+    patience: np.ndarray  # (m,) factor on the model's part of the gate of each number
+    slope: np.ndarray  # (m, 2) derivative of each number by speed and yaw rate; 0 for one it may not correct
     places: tuple[tuple[int, ...], ...]  # the numbers of each sensor that shows the pose: place_gate.py
 
     @property

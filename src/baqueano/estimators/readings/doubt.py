@@ -1,8 +1,8 @@
 """Widen the covariance during a lasting disagreement; the correction of the state does not change.
 
 The speed ν_x and the yaw rate ν_ψ are each in doubt by a. a = |y / h'| while a number that measures it is refused, with
-innovation y and derivative h'. While the filter follows a number against its model, |d| > gate_sigma σ_d. Then a is
-|ν − ν of the model|. If the doubt lasts at least DOUBT_S:
+innovation y and derivative h'. a = |ν − ν of the model| while the filter follows a number against its model, which
+|d| > gate_sigma σ_d detects. If the doubt lasts at least DOUBT_S:
 
     var ν ← var ν + a²  as it is reported,      P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
 
@@ -23,10 +23,8 @@ from baqueano.geometry import map_from_body
 
 DOUBT_S = 0.5
 AXES = (3, 5)  # of a state (η, ν, …)
-HELD_S, FADING = (
-    1.0,
-    2.0,
-)  # when readings agree again, a doubt falls to HELD_S and fades FADING times as fast as time
+# when readings agree again, the duration of a doubt falls to HELD_S, and then FADING times as fast as time
+HELD_S, FADING = 1.0, 2.0
 
 
 class DoubtUpdate(NamedTuple):
@@ -58,11 +56,11 @@ def doubted(
             )
         )
         came.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in numbers]))
-    now = lasting(doubt, np.array(refusals), against, np.array(came) > 0.0, dt_s)
+    now = updated_doubt(doubt, np.array(refusals), against, np.array(came) > 0.0, dt_s)
     return DoubtUpdate(now, *wider(np.maximum(now[0], against), doubt[1], now[1], psi, dt_s))
 
 
-def lasting(
+def updated_doubt(
     doubt: np.ndarray, refused: np.ndarray, against: np.ndarray, came: np.ndarray, dt_s: Value
 ) -> np.ndarray:
     """Return the doubt (2, 2) one row later: the size of the last refused innovations, and the duration [s].

@@ -49,7 +49,7 @@ class Past(NamedTuple):
 class PlaceDoubt(NamedTuple):
     """Memory of the readings refused before, for each sensor that measures the pose."""
 
-    y: np.ndarray  # (m,) innovations of the last witness, in the order of all numbers
+    y: np.ndarray  # (m,) innovations of the last informative refused reading, in the order of all numbers
     past: Past
 
 
@@ -67,7 +67,7 @@ def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
     return PlaceDoubt(np.zeros(m), Past(LONG_AGO_S + none, none, none))
 
 
-def judged(
+def gate_decision(
     groups: tuple[tuple[int, ...], ...], numbers: PlaceNumbers, doubt: PlaceDoubt, dt_s: Value, sigma: float
 ) -> GateDecision:
     """Return the weights; `groups` are the numbers of each sensor that measures the pose.  (1)-(4)"""
@@ -121,7 +121,7 @@ def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
 
 
 def growth(grown: Value, sd: np.ndarray, most: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return D (n,) of (3): deviations `sd` (n,) grow by `grown` if `at` (n,) is 1, up to `most` (n,)."""
+    """Return D (n,) of (3): deviations `sd` (n,) grow by the factor `grown` if `at` (n,) is 1, up to `most` (n,)."""
     room = np.maximum(most / np.maximum(sd, 1e-12), 1.0)
     return np.where(at > 0.0, np.minimum(grown, room), 1.0)
 

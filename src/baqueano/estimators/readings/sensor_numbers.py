@@ -28,9 +28,8 @@ REST = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
 CURVE = np.array([0.3, -0.2, 0.7, 0.5, 0.1, 0.9, 0.2, 0.1, -0.4])  # (η, ν, ν̇) at which no term of h vanishes
 AHEAD, TURNING = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])  # ν
 STEP = 0.1  # of a parameter
-ACCEL_SCALE_STD = 0.02 / np.sqrt(
-    3.0
-)  # ± 2 % by its data sheet; without a wheel, the speed follows from a_y / ν_ψ
+# ± 2 % by its data sheet, uniform; without a wheel, the speed follows from a_y / ν_ψ
+ACCEL_SCALE_STD = 0.02 / np.sqrt(3.0)
 
 
 class UncertainNumber(NamedTuple):
@@ -72,7 +71,7 @@ def arrived(sensor: Sensor, slot: Slot) -> Value:
 
 
 def age_s(sensor: Sensor, slot: Slot) -> Value:
-    """Return the age of a measurement at the tick [s]: its timestamp, its delay and its low-pass."""
+    """Return the age of a measurement at the tick [s], from its timestamp, its delay and its low-pass."""
     delay_s = sensor.delay_s if optional.of(sensor, "delay_slots") > 0 else 0.0
     return slot.age_s + delay_s + low_pass_s(sensor)
 

@@ -75,7 +75,7 @@ def velocity(
     return nu
 
 
-def show_place(sensors: SensorBlocks) -> tuple[str, ...]:
+def pose_sensors(sensors: SensorBlocks) -> tuple[str, ...]:
     """Return the names of the sensors that measure the pose: their h depends on η."""
     return tuple(name for name, sensor in sensors._asdict().items() if np.any(slopes(sensor)[:, :3]))
 

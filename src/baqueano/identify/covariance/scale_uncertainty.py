@@ -9,7 +9,7 @@ g is the gradient of the cost, A its information. g_s comes from measurements ch
 With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. A data sheet's tolerance ± a is a
 uniform distribution, σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7).
 (3) is for the fixed zero of a car's gyro; W are the weights of its readings. σ is the error of the zero at rest if that
-was measured, else (4), estimated from the run itself, at most the value of the data sheet.
+was measured. Else it is (4), estimated from the run itself, at most the value of the data sheet.
 """
 
 from collections.abc import Callable, Mapping

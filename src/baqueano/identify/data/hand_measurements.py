@@ -5,7 +5,7 @@
 
     "12.4 s: 2.31 m"               2.31 m from where the run began, 12.4 s after the first tick
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
-    "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, with its tolerance; default ± 1 cm and ± 2 degrees
+    "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, with its standard deviation; default 1 cm and 2 degrees
 
 They describe the pose at that time. The run begins at x = y = ψ = 0 and is not cut into segments. They show the scale
 of speed and gyro, which no sensor on board shows. An angle is a direction: whole turns count if the model is within

@@ -5,9 +5,9 @@
 
 From the drive of a car, the bias of its gyro cannot be separated from a small steering offset. So the bias of a car is
 not estimated with the model: it is (1) if a run is at rest for LEAST_S more, else the value of the vehicle file.
-A run begins at rest if its first readings of a speed are 0 within FAR times their white noise w (von Neumann's
-estimate over the whole run). If no sensor measures a speed, it begins at rest if it begins without a command and no
-reading before the first command scatters by more than QUIET w: a vehicle that coasts slows down.
+A run begins at rest if its first readings of a speed are 0 within FAR w. w is their white noise, by von Neumann's
+estimate over the whole run. Without a speed sensor, the run must begin without a command, and no reading before the
+first command may scatter by more than QUIET w: a vehicle that coasts slows down.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ TINY = 1e-9  # tolerance for readings without noise
 LEAST_S = 1.0  # of measurements after REST_S, the shortest time for a bias
 FAR = 4.0  # times w, the largest reading of a speed that counts as 0
 FIRST = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
-QUIET = 2.0  # times the noise of the file: a gyro that scatters more is being turned by hand
+QUIET = 2.0  # times w, or the noise of the file: a gyro that scatters more is being turned by hand
 
 
 def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", Diagnostic | None]:

@@ -97,8 +97,8 @@ def without_starts(bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout) -> 
 def without(
     bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (r, r) of the `first` r entries, with the `blocks` (without common information) eliminated.
-    (1)"""
+    """Return A and B (r, r) of the `first` r entries, with the `blocks`, no two of which share information,
+    eliminated.  (1)"""
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
     for at in blocks:
         gain = bread[:first, at] @ _inverse(bread[at, at])  # A_s A_ss⁻¹

@@ -7,7 +7,7 @@
 The search is first greedy, one piece after the other. Then it exchanges (Fedorov): each place in turn gets the most
 informative piece with which the rest of the sequence stays inside. (2) is an upper bound, as J is concave except for
 its nuisance, and selects the pieces to evaluate exactly. J is reduced by PRICE for the distance at which a piece ends
-from where it began. The mean is over the possible vehicles; their paths through a sequence follow from their paths
+from where it began. The corridor is that of the possible vehicles; their paths through a sequence follow from those
 through the pieces by (3).
 """
 
@@ -72,7 +72,7 @@ class Composer:
                 break
         return best
 
-    def again(self, path: np.ndarray, some: np.ndarray) -> float:
+    def restart(self, path: np.ndarray, some: np.ndarray) -> float:
         """Search from the beginning, with `some` of the pieces only and with other vehicles, whose poses along all
         pieces are `path` (P, L, S, 3)."""
         self.chosen, self.path = [], path[some]
@@ -81,7 +81,7 @@ class Composer:
         self.xy = np.ascontiguousarray(self.path[..., :2].transpose(3, 0, 2, 1), np.float32)
         return self.search()
 
-    def instead(
+    def substitutes(
         self, chosen: list[int], place: int, pose: np.ndarray, prices: Sequence[float], count: int
     ) -> list[int]:
         """Return pieces for `place` beside the others of `chosen`, of those that should stay inside from the poses

@@ -128,8 +128,8 @@ def mean_error(relative_sd: np.ndarray) -> float:
 
 
 def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
-    """Return the size of a parameter that is 0: the largest entry of its matrix row or of the frictions of its axis
-    (at 1 m/s or 1 rad/s), else of its field, else 1."""
+    """Return the size of a parameter that is 0: the largest entry of its matrix row, or of its axis' frictions (at
+    1 m/s or 1 rad/s), else of its field, else 1."""
     parameter = described(blocks, path, {})
     same = [
         candidate

@@ -4,8 +4,8 @@
 
 The levels, their durations and their number are random (seeded): the search computes the exact information of each
 piece, so it needs variety only. Some levels are full, some are 0, the others random: dry friction and dead zones show
-at small ones. The way back is one of four: all signs reversed (a vehicle with two wheels comes back on its own arc),
-only those of the first channel (a car comes back), only those of the others, or no way back. Circles stay in a room,
+at small ones. The way back is one of four: all signs reversed (a vehicle with two wheels comes back on its own arc);
+only those of the first channel (a car comes back); only those of the others; or no way back. Circles stay in a room,
 and a signal that ends where it began needs no way back. Children of good pieces differ from their parent in one or two
 things. The library does not depend on the vehicle: channels with limit 0 are left out, the simulation does the rest.
 As a piece begins and ends at rest, its information (information.py) is its own and adds up over a sequence. So do the

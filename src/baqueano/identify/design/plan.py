@@ -180,7 +180,7 @@ class PlanSearch:
         self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
         paths = self._of_each(lambda tick, u: self._path(self.all, tick, u, 2), self.pieces)
         slow, path = zip(*paths, strict=True)
-        self.composer.again(np.stack(path), np.flatnonzero(slow))
+        self.composer.restart(np.stack(path), np.flatnonzero(slow))
         self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
 
     def driven(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
@@ -277,7 +277,7 @@ def driven(
         if options:
             order_kept.insert(place, order_kept.pop(order_kept.index(options[0], place)))
         else:
-            substitutes = composer.instead(
+            substitutes = composer.substitutes(
                 order_kept, place, state.eta[: composer.path.shape[1]], PRICES, TRIED
             )
             options = _first([*substitutes, 0], *at)

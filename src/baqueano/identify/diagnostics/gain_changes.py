@@ -3,10 +3,10 @@
     G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
     G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds to those of a command that turns    (2)
 
-The file may be wrong. But if a command of the fit pushes backward instead of forward, or sideways, or five times as
-hard, a swapped, inverted or differently scaled column is more likely than a wrong vehicle. A scale that all commands
-and readings share does not show in the residuals, so only the file can reveal it. Noise is compared with the file too,
-as it changes with the unit and not with the vehicle.
+The file may be wrong. But if a command of the fit pushes backward, sideways or five times as hard, the log is the more
+likely reason: a swapped, inverted or differently scaled column. A scale that all commands and readings share does not
+show in the residuals, so only the file can reveal it. Noise is compared with the file too, as it changes with the unit
+and not with the vehicle.
 """
 
 from collections.abc import Sequence

@@ -122,8 +122,8 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
 
 
 def _as_promised(end: "FinishedFit") -> bool:
-    """Return True if a fit left the gains that turn the vehicle, and the inertia, near those of the file. A fit in
-    which none of these gains is identifiable is not evidence."""
+    """Return True if a fit left the gains that turn the vehicle, and the known numbers that these act on, near those
+    of the file. A fit in which none of these is identifiable is not evidence."""
     free = end.free
     now, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
     was = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]

@@ -5,7 +5,7 @@
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
 The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data: the
-first 1/4, 1/3, 1/2, 2/3, 3/4 of the time, each run, forward or backward, left or right, fast or slow, speeding up or
+first 1/4, 1/3, 1/2, 2/3, 3/4 of the time; each run; forward or backward, left or right, fast or slow, speeding up or
 slowing down. A result counts if its probability by chance is below 1 in 40,000 (some 250 tests; a low-pass of the IMU:
 1 in 300) and a parameter would move by over 2 of its errors and 2 %, or differs between parts by over 5 %. The shift,
 and half of the difference of parts, is added to the error bars. γ(1), of neighbouring residuals, is motion outside the
@@ -199,7 +199,7 @@ def _of_residuals(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[D
     out = []
     for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= ENOUGH:
-            out += _autocorrelation_messages(label, r, h) + _timely(label, r, h)
+            out += _autocorrelation_messages(label, r, h) + _late_outliers(label, r, h)
     return out
 
 
@@ -220,7 +220,7 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
     return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, times=excess)]
 
 
-def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
+def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
     """Return a message if outliers come when the prediction changes fast.  (3)"""
     far = np.abs(np.concatenate(r)) > FAR
     n = int(far.sum())

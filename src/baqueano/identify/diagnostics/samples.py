@@ -45,9 +45,9 @@ class Grain(NamedTuple):
 def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
     """Return the channel with NaN in place of invalid samples, and the findings."""
     z, messages = channel.z.copy(), []
-    sample_grain = int(np.sum(~np.isfinite(z)))
-    if sample_grain:
-        messages.append(note("data.not-finite", subject=name, lost=sample_grain))
+    lost_count = int(np.sum(~np.isfinite(z)))
+    if lost_count:
+        messages.append(note("data.not-finite", subject=name, lost=lost_count))
     if len(z) < ENOUGH or optional.of(block, "cov") is None:
         return channel, messages
     imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
@@ -65,13 +65,13 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
         return none, []
     if np.ptp(x[good]) == 0.0:
         return (~none, [_dead(label, x[good])]) if noise > 0.0 else (none, [])
-    lost_count = grain(x[good])
-    if lost_count.sigma <= 0.0:
+    sample_grain = grain(x[good])
+    if sample_grain.sigma <= 0.0:
         return none, []
-    end, messages = _limit_samples(label, x, lost_count) if imu else (none, [])
+    end, messages = _limit_samples(label, x, sample_grain) if imu else (none, [])
     x = np.where(end, np.nan, x)
-    zero, zero_message = _zeros(label, x, lost_count, imu)
-    same, more = _repeats(label, x, lost_count, imu)
+    zero, zero_message = _zeros(label, x, sample_grain, imu)
+    same, more = _repeats(label, x, sample_grain, imu)
     return end | zero | same, messages + zero_message + more
 
 

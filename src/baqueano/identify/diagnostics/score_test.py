@@ -53,7 +53,7 @@ class FitResiduals(NamedTuple):
     blocks: np.ndarray  # (B,) their first rows
     inverse: np.ndarray  # A⁻¹ (k, k)
     weighted: np.ndarray  # (k + 1, N m) d w, and ψ
-    power: float  # mean square of ψ over the residuals that are not clipped; 1 for white noise
+    power: float  # Σ ψ² / Σ w: sum of ψ², clipped ones too, per residual that is not clipped
 
 
 class ScoreTest(NamedTuple):

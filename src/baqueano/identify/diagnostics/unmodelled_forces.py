@@ -1,7 +1,7 @@
 """Generate forces that a model often lacks, as accelerations φ(t) along an axis, for unmodelled_terms.py.
 
-w are the channels of the drivetrain (left and right wheel, or the commands), ν is that of the model, both relative to
-their largest value. φ is one of
+w are the channels of the drivetrain (left and right wheel, or the commands), ν is the velocity of the model; both are
+relative to their largest value. φ is one of
 
     tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
     tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (2)

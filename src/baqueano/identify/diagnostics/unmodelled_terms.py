@@ -4,9 +4,9 @@ A force outside the model pushes the vehicle along an axis a with an acceleratio
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
 
-The derivatives of the vehicle's own step are carried along, for all φ in one pass (unmodelled_forces.py). Delays, lags
-and clocks, an IMU at another place or turned on its mount, and the effect of its low-pass beside a delay, change only
-the readings:
+The derivatives of the vehicle's own step are carried along, for all φ in one pass (unmodelled_forces.py). Some terms
+change only the readings: delays, lags and clocks, an IMU at another place or turned on its mount, and the effect of
+its low-pass beside a delay:
 
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)

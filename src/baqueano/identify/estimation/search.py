@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.identify.covariance.information import WHITE_LIMIT, autocorrelation_sums
 from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
-from baqueano.identify.residuals.noise_level import spread, telling
+from baqueano.identify.residuals.noise_level import informative_rows, spread
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.language import translated as _
 
@@ -53,7 +53,7 @@ class Search(NamedTuple):
     problem: Residuals  # weighted with the estimated noise
     solution: Solution
     sigma: np.ndarray  # (m,)
-    autocorrelation: np.ndarray  # (m,) `autocorrelation` of the residuals
+    autocorrelation: np.ndarray  # (m,) `autocorrelation_sums` of the residuals
     evaluations: int
     profile: list[np.ndarray] | None = None  # per segment (N, m), of mean square 1: relative σ if it varies
     stopped: bool = False  # from outside: not converged if there was more to do
@@ -114,7 +114,7 @@ def search(
         )
     count, turn, near, reason = 0, 1, sigma_fixed, False
     while True:
-        problem = problem.weighed(sigma, profile)
+        problem = problem.weighted(sigma, profile)
         near = near or turn == ROUNDS
         solution = task.minimise(
             problem.evaluate, theta, task.low, task.high, fixed=fixed, damping=damping,
@@ -156,7 +156,7 @@ def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndar
     elif task.by_speed:
         sigma, profile = problem.spread_and_profile(residuals, theta, task.floor)
     else:
-        sigma = spread(residuals, telling(residuals, problem.has, problem.z), task.floor)
+        sigma = spread(residuals, informative_rows(residuals, problem.has, problem.z), task.floor)
     if task.prior_sigma is not None:
         sigma = np.where(task.prior_sigma > 0.0, task.prior_sigma, sigma)
     return sigma, profile

@@ -72,7 +72,7 @@ def _names(some: Sequence[Free]) -> str:
 
 
 def _motion_note(some: Sequence[Free]) -> Diagnostic | str:
-    """Return the limited motion of the vehicle because of which these parameters cannot be separated, or ""."""
+    """Return a note on the limited motion that does not separate these parameters, or ""."""
     axes = {parameter.axis for parameter in some if parameter.axis is not None}
     if axes == {1}:
         return note("identifiability.hardly-sideways")

@@ -25,7 +25,7 @@ from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import DELAY, Free
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.sensors.sampling import tells_pose
+from baqueano.sensors.sampling import measures_pose
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -46,7 +46,7 @@ class Identifiability(NamedTuple):
     mask: np.ndarray  # (p,) bool: entries of θ that the data determine
     weak: np.ndarray  # (p,) bool: identifiable, but with a large error
     collinear: dict[int, tuple[int, ...]]  # a fixed entry → the entries that it is collinear with
-    near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or held entry → those it is hardly told from
+    near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or fixed entry → those with which it is confused
 
 
 def identifiability_of(
@@ -89,17 +89,18 @@ def identifiability_of(
             large = (sd > WEAK_VALUE * np.abs(theta[index])) & (sd > WEAK_SIGNAL * signal[index])
             weak[index] = large & of_vehicle[index]
             near |= {
-                int(k): _like(info.bread, identifiable & of_vehicle, int(k)) for k in np.flatnonzero(weak)
+                int(k): _correlated_entries(info.bread, identifiable & of_vehicle, int(k))
+                for k in np.flatnonzero(weak)
             }
             break
         relative = sd / np.maximum(signal[index], 1e-9 * sd)
         out = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
-        near[out] = _like(info.bread, identifiable & of_vehicle, out)
+        near[out] = _correlated_entries(info.bread, identifiable & of_vehicle, out)
         identifiable[out] = False
     return Identifiability(identifiable, weak, collinear, near)
 
 
-def _like(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
+def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
     """Return the other entries of the direction in which most of the variance of entry k lies."""
     index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
@@ -172,9 +173,9 @@ def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     rows = sum(map(len, problem.z))
     sums = np.array(each(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows))
     square, total, count = sums.transpose(1, 0, 2)  # (segments, m) each
-    of_pieces = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
+    of_segments = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
     of_all = np.sum(total, axis=0) ** 2 / np.maximum(np.sum(count, axis=0), 1.0)
-    return np.sum(square, axis=0) - np.where(one_mean(problem), of_all, of_pieces)
+    return np.sum(square, axis=0) - np.where(one_mean(problem), of_all, of_segments)
 
 
 def one_mean(problem: Residuals) -> np.ndarray:
@@ -182,7 +183,7 @@ def one_mean(problem: Residuals) -> np.ndarray:
     by_run = {name.split(".")[1] for name in problem.shape.by_run}
     sensors = problem._blocks.sensors._asdict()
     mean_of_run = [
-        not (problem.shape.start or name in by_run or tells_pose(sensors[name])) for name in problem.names
+        not (problem.shape.start or name in by_run or measures_pose(sensors[name])) for name in problem.names
     ]
     return np.repeat(mean_of_run, problem.sizes)
 

@@ -32,13 +32,12 @@ from baqueano.symbolic.scan import Scan
 
 BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
 CLOSE = 1.2  # factor on a variance: a smaller error does not degrade a filter
-CLOSE_ON_DRIVES = (
-    1.5  # factor on the variance of a state: larger, as considered scales and slips are partly nonlinear
-)
+# factor on the variance of a state: larger, as considered scales and slips are partly nonlinear
+CLOSE_ON_DRIVES = 1.5
 STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
 
 
-class FilterBelief(StrEnum):
+class NoiseVerdict(StrEnum):
     """Verdict on the noise of a filter."""
 
     TRUE = "true"
@@ -57,18 +56,18 @@ class NormalisedSquare(NamedTuple):
     close: float  # factor within which it agrees
 
     @property
-    def verdict(self) -> FilterBelief:
+    def verdict(self) -> NoiseVerdict:
         """Return the verdict on the noise."""
         if not np.isfinite(self.low):
-            return FilterBelief.CANNOT_TELL
+            return NoiseVerdict.CANNOT_TELL
         if self.low > self.close:
-            return FilterBelief.TOO_SURE
-        return FilterBelief.TOO_CAREFUL if self.high < 1.0 / self.close else FilterBelief.TRUE
+            return NoiseVerdict.TOO_SURE
+        return NoiseVerdict.TOO_CAREFUL if self.high < 1.0 / self.close else NoiseVerdict.TRUE
 
     @property
     def disagrees(self) -> bool:
         """Return True if the verdict is too sure or too careful."""
-        return self.verdict in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)
+        return self.verdict in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)
 
 
 class Acceptance(NamedTuple):
@@ -90,7 +89,7 @@ def accepted(
     decisive = [
         square
         for square in nis_of(ekf, validation_runs, kernel)
-        if square.verdict != FilterBelief.CANNOT_TELL
+        if square.verdict != NoiseVerdict.CANNOT_TELL
     ]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
@@ -174,7 +173,7 @@ def _by_belief(off: Sequence[NormalisedSquare]) -> JsonObject:
     """Return the names for which the filter is too sure, and those for which it is too careful."""
     sure, careful = (
         [square.name for square in off if square.verdict == belief]
-        for belief in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)
+        for belief in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)
     )
     return {"too_sure": sure, "too_careful": careful}
 

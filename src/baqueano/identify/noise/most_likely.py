@@ -3,7 +3,7 @@
     J(R) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   R = diag(exp 2q)                                      (1)
     ρ(d²) = d² up to FAR² m, beyond it 2 FAR √m d − FAR² m: limits the effect of an outlier               (2)
 
-y and S come from the extended Kalman filter while it runs over the log, so R is right for that filter, with its mode,
+y and S come from the extended Kalman filter while it runs over the log. So R is right for that filter, with its mode,
 gate and rate. The search changes one logarithm after the other, up and down, then pairs against each other. It halves
 its steps when nothing improves, and needs no derivative. With the truth of a simulation, R is the covariance of the
 prediction error of one step of the model, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
@@ -243,7 +243,7 @@ def prediction_of(fit: "Fit") -> tuple[str, float]:
 
 
 def _rows(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows (N, q) of dt, u, and η, ν, ν̇ of the previous tick, and μ (N + 1, 6), over ticks with a truth."""
+    """Return rows (N, q) of (dt, u, previous η, ν, ν̇), and μ (N + 1, 6), over ticks with a truth."""
     truth = run.truth
     assert truth is not None
     _, ticks, rows = np.intersect1d(run.t_ns, truth.t_ns, return_indices=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree, Value
-from baqueano.estimators.augmented.motion import pushed, scaled
+from baqueano.estimators.augmented.motion import disturbance_acceleration, scaled
 from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout, start_std
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import slips
@@ -132,7 +132,7 @@ def _part(
     begin, end = _line(effort, k / PARTS), _line(effort, (k + 1) / PARTS)
     before = nu + kick * walk[0]
     _, nu, _ = ekf.vehicle.advance(eta, before, Effort(begin, end, end), h)
-    nu = nu + h * pushed(ekf.vehicle, x[6:SCALES])
+    nu = nu + h * disturbance_acceleration(ekf.vehicle, x[6:SCALES])
     along = 0.5 * h * (before + nu)
     along = along + scaled(x[SCALES:BIASES], along)
     place = eta[:2] + (map_from_body(eta[2] + 0.5 * along[2]) @ along)[:2]
@@ -144,7 +144,7 @@ def _line(effort: Effort, part: float) -> np.ndarray:
 
 
 def _motion(ekf: AugmentedEkf, x: np.ndarray, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
-    nu_dot = ekf.vehicle.nu_dot(nu, effort, eta[2]) + pushed(ekf.vehicle, x[6:SCALES])
+    nu_dot = ekf.vehicle.nu_dot(nu, effort, eta[2]) + disturbance_acceleration(ekf.vehicle, x[6:SCALES])
     return Motion(eta, nu, nu_dot, ekf.vehicle.gravity(eta[2]))
 
 

@@ -55,7 +55,7 @@ def speed_channels(
     numbers = tuple(_undecided_numbers(without_speed))
     if not numbers:
         return None
-    witnesses = [(run, *_witness(run, without_speed)) for run in validation_runs]
+    witnesses = [(run, *_reference_speed(run, without_speed)) for run in validation_runs]
     with_speed = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
     if not with_speed:
         code = "speed.by-the-file" if own else "speed.by-the-model"
@@ -89,7 +89,7 @@ def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, flo
 
 
 def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
-    """Yield the inertial numbers in use that do not correct the yaw rate, as candidates for the speed."""
+    """Yield the inertial numbers in use that do not correct the motion yet, as candidates for the speed."""
     its = layout(ekf)
     bias_sensors = {bias.sensor for bias in its.biases}
     numbers = [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
@@ -98,7 +98,7 @@ def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
             yield f"{name}[{i}]"
 
 
-def _witness(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
+def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
     """Return the speed (N,) at the ticks from a source that the estimator does not use, and its name, or (None, "")."""
     if run.truth is not None and np.isfinite(speed := true_speed(run.t_ns, run.truth)).any():
         return speed, "the truth"

@@ -5,8 +5,8 @@ Unit and bounds come from the field of the block; friction is never negative (er
 (parameter.py) decides if it is free by default. Free are numbers that the equations need and that scale and tape cannot
 measure, friction and forces; dry friction, dead zones and lag only if the file has them. A delay is taken from the file
 unless the user requests it; it is then searched for tick by tick (delay.py).
-Every other number of a block is free on request. If it is off in the file, such as a lag of 0 or a limit of infinity,
-it starts at a value where it has an effect (`enable_parameters`).
+Every other number of a block is free on request. If it is off in the file (a lag of 0, a limit of infinity), it starts
+at a value with an effect (`enable_parameters`).
 Columns of a matrix whose command never moved cannot be identified: `frozen_columns` returns them.
 """
 
@@ -103,7 +103,7 @@ def always_free(blocks: FittedBlocks) -> list[str]:
     return [path for path, p in paths if p.role in FREED and path != FLOOR]
 
 
-def acts_alone(model: Tree) -> bool:
+def has_offset(model: Tree) -> bool:
     """Return True if the model has an offset, such as a steering offset: a gyro's bias has the same effect."""
     return any(p.role == "offset" for _, p in all_parameters(model, "model"))
 
@@ -236,8 +236,8 @@ def _with_lines(blocks: FittedBlocks, late_s: float, slots: Callable[[float], in
 def _room_for_low_pass(
     blocks: FittedBlocks, free: list[Free], rate_hz: float
 ) -> tuple[FittedBlocks, list[Free]]:
-    """Set a low-pass that is off to the rate of the ticks, and limit it to HIGHEST times that rate, above which it
-    is without effect."""
+    """Set a low-pass that is off to the rate of the ticks. Limit it to HIGHEST times that rate: a higher one is
+    without effect."""
     for parameter in free:
         if parameter.path.endswith(LOW_PASS):
             name = parameter.path.split(".")[1]

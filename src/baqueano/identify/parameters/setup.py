@@ -25,17 +25,17 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import (
     Free,
-    acts_alone,
     described,
     enable_parameters,
     entries,
     frozen_columns,
+    has_offset,
     substitute,
     value,
 )
 from baqueano.printable import typed
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import Signal, steady_signal, step_signal, tells_pose
+from baqueano.sensors.sampling import Signal, measures_pose, steady_signal, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.vehicles.freedoms import kept
 
@@ -132,7 +132,7 @@ def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     for name in options.clocks:
         if name not in names:
             raise UsageError(fault("clock.unreliable", sensor=name, known=names))
-    poses = any(tells_pose(sensor) for sensor in blocks.sensors)
+    poses = any(measures_pose(sensor) for sensor in blocks.sensors)
     return replace(options, segment_s=POSE_S) if poses and options.segment_s is None else options
 
 
@@ -196,13 +196,13 @@ def shape_of(
     paths, names = tuple(parameter.path for parameter in shared), blocks.sensors._fields
     own = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
-        zero_names = BIASES[:1] if acts_alone(blocks.model) else BIASES
+        zero_names = BIASES[:1] if has_offset(blocks.model) else BIASES
         fields = [f for f in zero_names if has_field(sensor, f)] if options.biases else []
         biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
         own += [p for p in biases if p not in paths and p not in own]
     is_cut = options.segment_s is not None
     start = () if options.at_rest and not is_cut else kept(blocks.model)
-    if any(tells_pose(sensor) for sensor in blocks.sensors):
+    if any(measures_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
     sample_fraction = tuple(
         any(r.sensors[name].sample_fraction is not None for r in records) for name in names
@@ -258,7 +258,7 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
     first half of the way."""
     for name, sensor in blocks.sensors._asdict().items():
         readings = record.sensors[name]
-        if tells_pose(sensor) and readings.has.any():
+        if measures_pose(sensor) and readings.has.any():
             first = np.array(readings.z[np.argmax(readings.has[:, 0] > 0.0)])
             if not readings.has[:, 2].any():
                 way = readings.z[readings.has[:, 0] > 0.0, :2] - first[:2]

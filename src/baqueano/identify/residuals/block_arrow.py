@@ -66,10 +66,8 @@ class BlockArrow:
 
     def add(self, indices: np.ndarray, parts: np.ndarray) -> None:
         """Add the matrices `parts` (K, n, n) of the segments at the rows `indices` (K, n)."""
-        is_own, at = (
-            self.places.is_own[indices[0]],
-            self.places.place[indices],
-        )  # in the same order in each segment
+        # in the same order in each segment
+        is_own, at = self.places.is_own[indices[0]], self.places.place[indices]
         common, own, k = at[:, ~is_own], at[:, is_own], np.arange(len(parts))[:, None, None]
         wide, tall = parts[:, ~is_own], parts[:, is_own]
         np.add.at(self.corner, (common[:, :, None], common[:, None, :]), wide[:, :, ~is_own])

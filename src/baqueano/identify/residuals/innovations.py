@@ -30,7 +30,7 @@ from baqueano.symbolic import jacobian, put, scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
 from baqueano.vehicles.delay import SHORTEST_TICK_S
-from baqueano.vehicles.state import arrived
+from baqueano.vehicles.state import end_of_tick
 
 GATE = 4.0  # G of (3): the gate of the other filters, made smooth
 UNSEEN = 1e-9  # derivative below which a sensor does not depend on the pose
@@ -58,7 +58,9 @@ class PredictedState(NamedTuple):
     def motion(self, x: np.ndarray) -> Motion:
         """Return the motion at the state x (n,), as the sensors measure it."""
         eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
-        return arrived(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[1]
+        return end_of_tick(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[
+            1
+        ]
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:
@@ -152,7 +154,7 @@ def _innovation(
     dt_s: Value,
     shape: Shape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with the undelayed h."""
+    """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h after the low-pass, without delay."""
     gaps, slopes, lines, at, turn = [], [], [], 0, 0
     for k, sensor in enumerate(sensors):
         signal, shown_h = step_signal(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)

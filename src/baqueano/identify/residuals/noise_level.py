@@ -5,9 +5,9 @@
     y_b = (Σ_t∈b r_t)² / n_b   over blocks b of BLOCK_S,   E y_b = S(v) = S₀ (1 + (κ v)²)                  (3)
     σ(v)² = max(S(v), variance of the single residuals at v)                                              (4)
 
-(1) uses only rows with motion (`telling`): an encoder at rest reads 0 without noise. σ is at least the limit of the
-converter's steps and of the numbers themselves; with few measurements (FEW) it is that of the vehicle file. (2) is the
-likelihood of a scale: gears, wheels and floor shake a vehicle more at a higher speed. (4) weights a channel by its
+(1) uses only rows with motion (`informative_rows`): an encoder at rest reads 0 without noise. σ is at least the limit
+of the converter's steps and of the numbers themselves; below FEW measurements it is that of the vehicle file. (2) is
+the likelihood of a scale: gears, wheels and floor shake a vehicle more at a higher speed. (4) weights a channel by its
 information on slow motion, which shows friction and force; for white residuals (4) is (2). A profile has mean square 1,
 and stays fixed while the parameters are searched.
 """
@@ -47,7 +47,7 @@ def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np
     return np.maximum(sigma, floor)
 
 
-def telling(
+def informative_rows(
     residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], z: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
     """Return `has` (N, m), set to 0 where the measurement z is exactly 0 and the model agrees within STILL of the
@@ -65,7 +65,7 @@ def telling(
 
 
 def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the least σ (m,): 1/√12 of a converter's step, or SMALLEST of the largest value."""
+    """Return the least σ (m,): the larger of 1/√12 of a converter's step and SMALLEST of the largest value."""
     steps = np.concatenate([_steps(block) for block in blocks])
     largest = np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],

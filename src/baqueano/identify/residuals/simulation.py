@@ -27,7 +27,7 @@ from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import substitute
 from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by, vehicle_at_start
 from baqueano.identify.residuals.block_arrow import Evaluation, add, diagonal_matrix, places_of
-from baqueano.identify.residuals.noise_level import profile_by_speed, telling
+from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import put, scan
@@ -53,7 +53,7 @@ class SimulationState(NamedTuple):
 
 
 class Residuals:
-    """Residuals of several runs as a function of one θ. They are immutable: `weighed` returns new ones.
+    """Residuals of several runs as a function of one θ. They are immutable: `weighted` returns new ones.
 
     A custom residual is a subclass with another `difference`.
 
@@ -135,7 +135,7 @@ class Residuals:
             out[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
         return out
 
-    def weighed(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
+    def weighted(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
         """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per segment if the noise varies."""
         if sigma is self.sigma and profile is self._profile:
             return self
@@ -210,8 +210,7 @@ class Residuals:
         return each(work, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment r (N, m) in standard deviations, 0 without a measurement; do not modify the
-        arrays."""
+        """Return for each segment r (N, m) in standard deviations, 0 without a measurement. Do not modify it."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
             return np.asarray(self.scan.run(rows, theta[index])[1])
@@ -235,9 +234,8 @@ class Residuals:
     def spread_and_profile(
         self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return σ (m,) and its profile (N, m) per segment, from the residuals `misfits` at θ, for noise that grows
-        with speed."""
-        has = telling(misfits, self.has, self.z)
+        """Return σ (m,) and its profile (N, m) per segment from `misfits` at θ, for noise that grows with speed."""
+        has = informative_rows(misfits, self.has, self.z)
         return profile_by_speed(misfits, has, self.speeds(theta), floor)
 
     def sensitivities(
@@ -292,8 +290,7 @@ def _fill(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
 
 
 def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
-    """Return rows (N, q): dt, u, z of all sensors, W of all sensors, the part of the step of sensors that need it,
-    the battery voltage."""
+    """Return rows (N, q): dt, u, z and W of all sensors, the part of the step if needed, and the battery voltage."""
     readings = [record.sensors[name] for name in names]
     columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.has for s in readings)]
     for s, is_needed in zip(readings, shape.sample_fraction, strict=True):
@@ -309,12 +306,11 @@ def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
 def cached_kernel(
     blocks: FittedBlocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
 ) -> K:
-    """Return `traced(blocks, shape, backend, *more)`, cached for later fits with the same structure and the same
-    fixed numbers."""
+    """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
     for path in (*shape.shared, *shape.own):
         shape_blocks = put(shape_blocks, path, 0.0)
-    key = (traced, more, _print(shape_blocks), shape, backend)
+    key = (traced, more, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
         _kernels[key] = traced(blocks, shape, backend, *more)
         if len(_kernels) > KEPT:
@@ -389,14 +385,14 @@ def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:
     return sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
 
 
-def _print(tree: Any) -> Any:
+def _fingerprint(tree: Any) -> Any:
     """Return a hashable copy of all numbers in a tree of blocks. Two trees with the same copy give the same trace."""
     if is_dataclass(tree) and not isinstance(tree, type):
-        return (type(tree), *(_print(getattr(tree, f.name)) for f in fields(tree)))
+        return (type(tree), *(_fingerprint(getattr(tree, f.name)) for f in fields(tree)))
     if isinstance(tree, np.ndarray):
         return (tree.shape, tree.tobytes())
     if isinstance(tree, tuple | list):
-        return (type(tree), *map(_print, tree))
+        return (type(tree), *map(_fingerprint, tree))
     if isinstance(tree, dict):
-        return tuple((k, _print(v)) for k, v in tree.items())
+        return tuple((k, _fingerprint(v)) for k, v in tree.items())
     return id(tree) if isinstance(tree, Callable) else tree

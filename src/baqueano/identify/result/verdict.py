@@ -33,9 +33,8 @@ UNSEEN = 0.5  # largest part of the parameters that may be unidentifiable
 ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
 OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
 # cost bears them as long as they fall to both sides alike
-OUTLIER_CHANCE = (
-    0.01  # part of the samples; fewer outliers, even to one side, move a fit by less than its error
-)
+# part of the samples; fewer outliers, even to one side, move a fit by less than its error
+OUTLIER_CHANCE = 0.01
 WARNING, ERROR = Severity.WARNING, Severity.ERROR
 LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
 FAR = 2.0  # times the square about its own mean: a channel with larger residuals does not follow the model
@@ -60,9 +59,8 @@ class Evidence(NamedTuple):
     messages: tuple[Diagnostic, ...] = ()  # by the detectors
     weakly: tuple[Diagnostic, ...] = ()  # reasons for the weak parameters
     moving: str = ""  # the parameter that a search without convergence would still move most
-    one_mean: np.ndarray | None = (
-        None  # (m,) True for channels with one mean over all runs; None: each run has its own
-    )
+    # (m,) True for channels with one mean over all runs; None: each run has its own
+    one_mean: np.ndarray | None = None
 
 
 def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:

@@ -10,7 +10,7 @@ with biases and starts estimated on them; runs given as held out are the only fo
 blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired t test on logarithms,
 because gains differ by orders of magnitude between blocks. c limits the effect of errors below a third of the noise. A
 term without effect fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent pieces of motion
-by the turning points of a command, without swings below SWING (Bienaymé 1874), as many as the sign test requires.
+by the turning points of a command, without swings below SWING (Bienaymé 1874). LEAST is what the sign test requires.
 """
 
 from collections.abc import Sequence
@@ -132,7 +132,7 @@ class HeldOut:
         most: int = PATIENCE,
     ) -> Solution:  # fmt: skip
         """Return the best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
-        problem = (self.all if problem is None else problem).weighed(sigma)
+        problem = (self.all if problem is None else problem).weighted(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high, fixed=~free, tolerance=DONE, most=most, damping=1e-4
         )
@@ -140,9 +140,8 @@ class HeldOut:
     def score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
         """Return the score of a model with the entries `free` (p,) of θ on held-out data; folds start at `theta`.
         (1)"""
-        is_single = (
-            len(self.all.records) == 1 and self.all.scan.backend == "c"
-        )  # else each run uses its own core
+        # else each run uses its own core
+        is_single = len(self.all.records) == 1 and self.all.scan.backend == "c"
         rows = sum(map(len, self.blocks)) if is_single else 0
         parts = each(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
         loss, samples, ahead, pairs = (np.sum([part[i] for part in parts], axis=0) for i in range(4))
@@ -160,7 +159,7 @@ class HeldOut:
         if self.whole_runs:
             theta_ = np.where(self.still, 0.0, theta_)
             theta_ = self.fitted(theta_, free & ~self.shared & ~self.still, sigma, fold.test).theta
-        by_segment = zip(fold.test.weighed(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
+        by_segment = zip(fold.test.weighted(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
         for r, has, block in by_segment:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))

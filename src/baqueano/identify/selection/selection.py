@@ -1,9 +1,8 @@
 """Choose the terms that a model needs, by simulation error on held-out data: `choose`.
 
     M ← the least model of the kind                                         terms.py                      (1)
-    forward: each term is fitted together with those of M. A term is good if its held-out error is
-             significantly lower than that of M, t > t_{1 − α/n}, with n terms to test. The best of them
-             joins M, or the first of those that are not significantly worse than it, t ≤ t_{1 − α}       (2)
+    forward: fit each of n terms with those of M; its held-out error must be significantly lower than that
+             of M, t > t_{1 − α/n}. The first one not worse than the best, t ≤ t_{1 − α}, joins M         (2)
     until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3);
     if one was dropped, forward once more without it
 
@@ -32,9 +31,9 @@ from baqueano.identify.parameters.free import (
     DELAY,
     LAG,
     LEAST_LAG,
-    acts_alone,
     enable_parameters,
     free_parameters,
+    has_offset,
 )
 from baqueano.identify.parameters.setup import first_theta, for_sensors, records_of, shape_of
 from baqueano.identify.residuals.block_arrow import dense
@@ -63,7 +62,7 @@ from baqueano.identify.selection.terms import (
 from baqueano.language import translated as _
 from baqueano.messages import text
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import tells_pose
+from baqueano.sensors.sampling import measures_pose
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -107,9 +106,8 @@ def choose(
 ) -> Choice:
     """Return the model of the kind of `vehicle_file` with the terms that the runs support, and its fit.
 
-    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free`, `use`, and the
-    `options` in TAKEN are those of `identify`. Runs `held_out` decide the terms. Raise UsageError for an unknown name.
-    """
+    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free`, `use` and `options` (in
+    TAKEN) are those of `identify`. Runs `held_out` decide the terms. Raise UsageError for an unknown name."""
     option_names = [name for name in options.changed if name not in TAKEN]
     if option_names:
         raise UsageError(fault("choose.options", options=option_names))
@@ -118,7 +116,7 @@ def choose(
     commands = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, commands)):
         raise UsageError(fault("choose.no-command"))
-    u, setup = np.concatenate(commands), How(runs, use, options, tuple(held_out))
+    u, setup = np.concatenate(commands), FitSetup(runs, use, options, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
@@ -136,7 +134,7 @@ def choose(
     return Choice(tuple(results), growing.fit_of(model, bare), growing.rule)
 
 
-class How(NamedTuple):
+class FitSetup(NamedTuple):
     """Runs and options that all fits of one choice share."""
 
     runs: list[Run]
@@ -159,15 +157,15 @@ class _Growing:
     """The problem with all terms in it, and the models that are fitted to it."""
 
     def __init__(
-        self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
+        self, how: FitSetup, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = how
         self.how, self.least_paths, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
-        file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
+        file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
-        if any(tells_pose(sensor) for sensor in blocks.sensors):
+        if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
         options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
         blocks = room_for(blocks, terms)
@@ -246,8 +244,7 @@ class _Growing:
         return model, [last[term.name] for term in (*model.terms, *rest) if term.name in last]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
-        """Return the fit of a model with its error bars, started at its θ. A delay, whose cost has valleys, is
-        bounded to values near."""
+        """Return the fit of a model with its error bars, from its θ; a delay stays near, as its cost has valleys."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
         file = with_terms(bare, self.terms, {path: values[path] for path in paths})
@@ -285,7 +282,7 @@ class _Growing:
     def tried(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
         at, free = self._at(term), self._free((*model.terms, term))
-        before = self.held_out.all.weighed(model.sigma).evaluate(model.theta).cost
+        before = self.held_out.all.weighted(model.sigma).evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
         if ban := self._exclusion(term, end.theta, end.bound, dense(end.at.hessian), free):
             return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
@@ -304,10 +301,7 @@ class _Growing:
         return TermTrial(result, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
-        """Return the best fit with a term: a few steps from each of its starts, then on from the best one.
-
-        Later trials start where the term ended in the previous model.
-        """
+        """Return the best fit with a term: a few steps from each start, or from its last end, then on from the best."""
         ends = []
         for start in self.ended.get(term.name, term.starts):
             theta = model.theta.copy()

@@ -16,11 +16,8 @@ from baqueano.report.animation.scene import Scene
 
 WIDE, HIGH, LEFT, MARGIN = 860, 430, 440, 26  # of the picture; of the part with the path
 FIT_S, LAP_S, LONGEST_S, REST_S = 4.0, 3.4, 11.0, 2.6  # the fit, a lap, all laps, the end
-BAR, AXIS, ROW = (
-    0.2,
-    96.0,
-    29.0,
-)  # the largest error shown, in parts of the truth; half an axis and a row in px
+# the largest error shown, in parts of the truth; half an axis and a row in px
+BAR, AXIS, ROW = 0.2, 96.0, 29.0
 STYLE = """
 svg{font:14px system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;--paper:#fff;--ink:#1d2128;
 --soft:#6b7280;--rule:#d0d5dc;--model:#238b45;--warn:#b45309}

@@ -217,7 +217,7 @@ class Mpu6050:
             return NOTHING
         self.clock.look(self._index + whole, before, after)
         if not whole:
-            return self._none()
+            return self._empty_batch()
         number = min(whole, MOST)
         self._residue = count
         data = self.device.read(FIFO_R_W, number * WORDS)
@@ -233,10 +233,10 @@ class Mpu6050:
         earliest = max(self._look_ns, before - SECOND // self.settings.rate_hz)
         self._look_ns = before
         if not data[0] & 1:
-            return self._none()
+            return self._empty_batch()
         return [WORD.unpack(data[1:])], [(earliest + before) // 2]
 
-    def _none(self) -> Batch:
+    def _empty_batch(self) -> Batch:
         """Return an empty batch; after several in a row, the next call checks the registers of the chip."""
         self._check_at = min(self._check_at, self._watch.last_ns + DROUGHT * SECOND // self.settings.rate_hz)
         return NOTHING

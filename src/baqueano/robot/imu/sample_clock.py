@@ -47,7 +47,7 @@ class SampleClock:
         return self.rate_hz * (self._high - self._low) / 2.0 / self.period_ns
 
     def restart(self) -> None:
-        """Begin a new count of samples; the interval of the period is kept."""
+        """Begin a new count of samples; the interval of the period is kept, widened by DRIFT."""
         self._low, self._high = self._low * (1.0 - DRIFT), self._high * (1.0 + DRIFT)
         self._prior = (
             max(self._low, self.nominal_ns * (1 - SLACK)),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from baqueano.errors import BaqueanoError
 from baqueano.robot.imu import driver as imu_driver
-from baqueano.robot.service.realtime import Systemd, claimed
+from baqueano.robot.service.realtime import Systemd, request_realtime
 from baqueano.robot.uno.serial_port import connected
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def serve(
 
     RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service runs all the same: it reports
     why the vehicle does not drive, and is READY as soon as the IMU answers. A vehicle whose file does not name an IMU
-    drives without one. `give_back` is called when the line of the Uno is open (serial_port.roused).
+    drives without one. `give_back` is called when the line of the Uno is open (serial_port.opened_early).
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ def serve(
         from baqueano.door.sockets import Door
         from baqueano.robot.service.service import Service
 
-        for line in claimed():  # before the door opens its thread, which has time
+        for line in request_realtime():  # before the door opens its thread, which has time
             say(line)
         operator = Operator()
         door = Door(path, operator, folder)

@@ -19,7 +19,7 @@ PRIORITY = 40  # below the kernel's own threads at 50
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
 
-def claimed(priority: int = PRIORITY) -> list[str]:
+def request_realtime(priority: int = PRIORITY) -> list[str]:
     """Request a real-time priority and locked memory, and return sentences about what was granted.
 
     Threads and programs that start later do not inherit the priority. The garbage collector is switched on.

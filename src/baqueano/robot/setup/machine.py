@@ -61,7 +61,7 @@ class Pi:
             self.kept.parent.rmdir()
             return
         self.kept.parent.mkdir(parents=True, exist_ok=True)
-        whole(self.kept, json.dumps(self.noted, indent=1))
+        write_atomically(self.kept, json.dumps(self.noted, indent=1))
 
     @property
     def config(self) -> Path:
@@ -100,7 +100,7 @@ def _(words: str, /, **figures: object) -> str:
     return WORDS.get(words, words).format_map(figures)
 
 
-def whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Write a file beside the old one, then replace the old one: after a power cut the old one remains."""
     target = path.resolve()
     part = target.with_name(f"{target.name}.part")

@@ -20,7 +20,7 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
-from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, text_of, whole
+from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, text_of, write_atomically
 
 DEVICES = ("dialout", "i2c", "gpio")  # groups of what the service opens
 GROUPS = (*DEVICES, "input")  # "input": a game pad, for a user at the vehicle
@@ -83,11 +83,11 @@ def boot_block(pi: Pi) -> Step:
     def do() -> None:
         pi.note("boot", True)
         text = without()
-        whole(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG)
+        write_atomically(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG)
 
     def undo() -> None:
         if "boot" in pi.noted and pi.config.exists():
-            whole(pi.config, without())
+            write_atomically(pi.config, without())
             pi.note("boot", None)
 
     if not pi.config.exists():
@@ -103,7 +103,7 @@ def written(pi: Pi, path: str, text: str) -> Step:
     def do() -> None:
         pi.note(key, {"before": target.read_text(encoding="utf-8") if target.exists() else None})
         target.parent.mkdir(parents=True, exist_ok=True)
-        whole(target, text)
+        write_atomically(target, text)
 
     def undo() -> None:
         if key in pi.noted:
@@ -111,7 +111,7 @@ def written(pi: Pi, path: str, text: str) -> Step:
             if before is None:
                 target.unlink(missing_ok=True)
             else:
-                whole(target, before)
+                write_atomically(target, before)
             pi.note(key, None)
 
     return Step(f"/{path}", lambda: target.exists() and target.read_text(encoding="utf-8") == text, do, undo)
@@ -235,7 +235,7 @@ def environment(pi: Pi) -> Step:
         )
         packages = ("--find-links", str(pi.bundle), "-r", str(pi.bundle / "packages.lock"))
         pi.run(str(pi.venv / "bin/python"), str(pip / "pip"), *words, *packages)
-        whole(stamp, "\n".join(wheels))
+        write_atomically(stamp, "\n".join(wheels))
 
     def undo() -> None:
         if "environment" in pi.noted:
@@ -250,7 +250,8 @@ def environment(pi: Pi) -> Step:
 def vehicle(pi: Pi) -> Step:
     """Return the step that installs the vehicle file. The old one stays beside it.
 
-    An existing file is replaced only by one that was made from it; its text is in the bundle as vehicle.toml.seen.
+    An existing file is replaced only by one that was made from it. The bundle has the text of the existing file, as it
+    was then, as vehicle.toml.seen.
     """
     target, bundle_file = pi.at(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"

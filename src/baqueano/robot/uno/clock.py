@@ -4,7 +4,7 @@
     h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each PART_S of a window       (2)
 
 A ceramic resonator is off by up to 0.5 %, 3 s in ten minutes. A delay over USB affects one direction only, so the
-quickest answers are the most accurate (as in NTP). With fewer than three parts, ε is 0 and h₀ that of the quickest.
+quickest answers are the most accurate (as in NTP). Until there are three parts, ε is 0 and h₀ that of the quickest.
 """
 
 from collections import deque

@@ -128,7 +128,7 @@ class Drive(NamedTuple):
 
 
 class Config(NamedTuple):
-    """The configuration of a session, lost at a reset. One value out of range refuses the whole; the answer is INFO.
+    """The configuration of a session, lost at a reset. If one value is out of range, all are refused. INFO answers it.
 
     `slew_permille_per_ms` 1000 does not limit; `least_battery_mv` 0 does not check; PWM also ≤ MOST_PWM_HZ.
     """

@@ -105,7 +105,7 @@ class Uno:
         self._lock = threading.RLock()  # a listening thread and the loop share the line
 
     def drive(self, left: float, right: float) -> None:
-        """Send duties in [-1, 1], once; after a standstill of the computer disarm instead."""
+        """Send duties in [-1, 1] once, if the Uno is armed; after a standstill of the computer disarm instead."""
         self.stood_still()
         self._standstill.driven()
         if self.info is None or not self._armed:
@@ -250,7 +250,7 @@ class Uno:
         return self.ask(config, Info, wait, lambda info: info.config == config)
 
     def tell(self, config: Config) -> None:
-        """Send `configure` once without waiting: `info` shows later if it arrived."""
+        """Send `config` once without waiting: `info` shows later if it arrived."""
         self._send(config)
 
     def settings(self, wait: Callable[[float], object] = time.sleep) -> Settings:

@@ -1,8 +1,8 @@
 """Provide a serial line for the link: found by its stable name, without waiting, reopened after a disconnection.
 
 Opening the line resets an Uno (its DTR does), so it is opened once and kept open. Then the boot-loader waits a second
-or two, and the firmware sends INFO unasked. A service that starts opens the line first (`roused`) and loads the rest of
-its code meanwhile. For that reason this module does not import numpy.
+or two, and the firmware sends INFO unasked. A service that starts opens the line first (`opened_early`) and loads the
+rest of its code meanwhile. For that reason this module does not import numpy.
 """
 
 import errno
@@ -89,7 +89,7 @@ class SerialPort:
             time.sleep(seconds)
 
 
-def roused(file: Path) -> Callable[[], object]:
+def opened_early(file: Path) -> Callable[[], object]:
     """Open the line that a vehicle file names, which resets its Uno, and return the function that closes it.
 
     The caller must have opened the line again before it calls that function: the last close drops DTR, and the next
@@ -105,7 +105,7 @@ def roused(file: Path) -> Callable[[], object]:
 
 @contextmanager
 def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
-    """Yield the Uno at a port, read by a separate thread, and disarm it at the end. "auto" is the only line found.
+    """Yield the Uno at a port, read by a separate thread, and disarm it at the end. "auto" finds the only line.
 
     RobotUnreachable without a line, or if no firmware of our protocol answers within BOOT_S; UsageError if there are
     several lines.
@@ -169,7 +169,7 @@ def introduce(uno: "Uno", path: str) -> Info:
 
 
 def find_port(port: str) -> str:
-    """Return the path of the line; "auto" is the only one. RobotUnreachable without one, UsageError for several."""
+    """Return the path of the line; "auto" finds the only one. RobotUnreachable without one, UsageError for several."""
     if port != "auto":
         return port
     ports = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))

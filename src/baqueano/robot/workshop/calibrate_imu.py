@@ -102,7 +102,7 @@ def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
 
 @dataclass(frozen=True)
 class MountedImu:
-    """The result. Biases (a_x, a_y) [m/s²] and ω [rad/s] are means of the sensor at rest; the slope is the floor's."""
+    """The result. Biases (a_x, a_y) [m/s²] and ω [rad/s] are the sensor's means at rest; `slope_rad` is the floor's."""
 
     axes: tuple[str, str, str]  # the chip's axes that point ahead, left, up
     accel: np.ndarray

@@ -235,10 +235,8 @@ def _wiring(floor: "FloorTests", say: Say) -> Wiring:
     """Return the flags of the motors' plugs that are connected the other way round.  (1), (2)"""
     say(_("which motor is which: it will turn to both sides, then push to and fro"))
     (left, turn_l), (right, turn_r) = _ramp(floor, 0, 1.0), _ramp(floor, 1, 1.0)
-    signs = (
-        -turn_l,
-        turn_r,
-    )  # of commands that run both wheels in one direction, if the motors are not swapped
+    # of commands that run both wheels in one direction, if the motors are not swapped
+    signs = -turn_l, turn_r
     duties = [min(1.0, duty + ABOVE) * sign for duty, sign in zip((left, right), signs, strict=True)]
     push_m_s = _push(floor, duties) - _push(floor, [-d for d in duties])
     if abs(push_m_s) < PUSHED_M_S:

@@ -85,7 +85,7 @@ def _not_driving() -> None:
             raise AnswerNo(fault("hardware.drives", state=state))
 
 
-def there(host: str, *verb: str) -> list["TableRow"]:
+def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     """Return the rows that `baqueano VERB --json` answers at HOST; its messages to the operator are shown at once.
 
     Raises the error that was raised there, KeyboardInterrupt if it was interrupted, RobotUnreachable without a

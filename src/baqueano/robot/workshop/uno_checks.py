@@ -37,14 +37,14 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
             yield Check(N_("serial line"), "ok", device_path)
             time.sleep(FIRST_S)
             before = copy(link.statistics)  # a frame whose beginning was missed counts as damaged
-            commanded(link, seconds, time.sleep)
+            send_commands(link, seconds, time.sleep)
             yield from answers(link, least_battery_v, before)
             yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
     except BaqueanoError as error:
         yield Check(N_("serial line"), "bad", _("no Uno with our firmware"), str(error))
 
 
-def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
+def send_commands(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
     """Send as many commands as in a drive, each with the motors off."""
     for _tick in range(round(seconds / COMMAND_EVERY_S)):
         link.disarm()

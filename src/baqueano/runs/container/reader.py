@@ -114,7 +114,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 class _RunAssembly:
-    """Builds a run from the messages of a file."""
+    """A builder of a run from the messages of a file."""
 
     def __init__(self, path: Path, contents: Contents) -> None:
         self.path, self.contents = path, contents

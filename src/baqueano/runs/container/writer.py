@@ -54,7 +54,7 @@ def versions() -> dict[str, str]:
 
 
 class RunWriter:
-    """Writes a run tick by tick; use it in a `with`. No method raises while the vehicle moves: `failure` and
+    """A writer of a run, tick by tick, for a `with`. No method raises while the vehicle moves: `failure` and
     `dropped` report problems, and `close` raises FileError.
     `live` is for a real vehicle, which must not wait: messages are dropped if the disk stalls for minutes.
 

@@ -22,7 +22,7 @@ class Repeats(NamedTuple):
 
 
 def are_held(lasting: np.ndarray) -> bool:
-    """Return True if enough values between two jumps last more than one reading, as with a driver that is too fast."""
+    """Return True if enough of the values (K,) last more than one reading, as with a driver that is too fast."""
     return len(lasting) >= ENOUGH and bool(np.mean(lasting > 1) > HELD)
 
 

@@ -15,10 +15,8 @@ from baqueano.errors import FileError
 from baqueano.runs.container import memory_limit
 
 LONGEST = 2**20  # characters of a line
-CELL, ROW = (
-    32,
-    64,
-)  # bytes of memory of a cell in addition to its text, and of a row: numbers, times and derived data
+# bytes of memory of a cell in addition to its text, and of a row: numbers, times and derived data
+CELL, ROW = 32, 64
 
 
 class Lines:

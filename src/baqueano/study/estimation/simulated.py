@@ -6,8 +6,8 @@
     second lag      motors of the second order: 40 to 120 ms come before the lag
 
 Each is a number of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random steps, with
-the free parameters that a user would choose, and evaluated on 40 s of other steps. An odometer measures the rotation of
-the wheels, with noise of 0.02 m/s. "Not worse" is a ratio of at most ALONE. A refused fit is not written, and its
+the free parameters that a user would choose. It is evaluated on 40 s of other steps. An odometer measures the rotation
+of the wheels, with noise of 0.02 m/s. "Not worse" is a ratio of at most ALONE. A refused fit is not written, and its
 vehicle is not evaluated.
 """
 

@@ -58,7 +58,7 @@ def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
 def bound_of(
     quiet: np.ndarray, vehicle: Robots | Cars, prior_sigma: Mapping[str, float] | None = None
 ) -> dict[str, float]:
-    """Return path → b of (1) from the readings (N, 2p, m) of the vehicles of `beside`; with an odometer if m = 4.
+    """Return path → b of (1) from the readings (N, 2p, m) of the `perturbed_copies`; with an odometer if m = 4.
 
     `prior_sigma`: path → prior standard deviation, √P₀ of (1).
     """

@@ -1,7 +1,7 @@
 """Warthog and Husky (norlab-ulaval/DRIVE): wheel speeds to poses, for a vehicle that skids to turn.
 
-Windows of 2 s, each a run. The two wheel radii, the effective track and the outward slide in a curve are fitted to the
-windows of the first half, with the lidar's poses as measurements. For each window of the second half the pose at its
+Each window of 2 s is a run. The two wheel radii, the effective track and the outward slide in a curve are fitted to the
+windows of the first half. The lidar's poses are the measurements. For each window of the second half the pose at its
 end is predicted from the pose at its beginning and the wheel speeds only. The vehicle file (warthog.toml) begins from
 the nominal radius and track; the Husky has other nominal values, and is a check on another vehicle.
 """

@@ -8,7 +8,7 @@ The origin is the centre of mass, a behind the front axle and b ahead of the rea
     body      m (v̇_x − ω v_y) = F − R(v_x) − Y_f sin δ,   m (v̇_y + ω v_x) = Y_f cos δ + Y_r                (4)
               I ω̇ = a Y_f cos δ − b Y_r,   R(v) = S₀ tanh(v/v₀) + r₁ v + r₂ |v| v                           (5)
 
-Gravity on a slope is added to both lines of (4). transmission.py lies between (1) and (4), with r₁ as back-EMF.
+Gravity on a slope is added to both equations of (4). transmission.py lies between (1) and (4), with r₁ as back-EMF.
 On a steady circle at small angles  δ = L ω/v + U v ω,  U = m (b C_r − a C_f) / (L C_f C_r): U > 0 understeers.
 The figures are those of a car of 1:18. An odometer turns with the rear wheels.
 """

@@ -19,7 +19,7 @@ GRAVITY = 9.80665
 
 
 def gravity_on(slope_rad: np.ndarray, uphill_rad: np.ndarray) -> np.ndarray:
-    """Return gravity along body x and y (n, 2) on floors of slope `slope_rad`, uphill at `uphill_rad` from x."""
+    """Return gravity along body x and y (n, 2) on floors of slope `slope_rad` (n,), uphill at `uphill_rad` from x."""
     if not np.any(slope_rad):
         return np.zeros((len(slope_rad), 2))
     down = -GRAVITY * np.sin(slope_rad)

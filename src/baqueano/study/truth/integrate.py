@@ -31,7 +31,7 @@ class Line:
         return self._commands[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
 
     def next_s(self, t_s: np.ndarray) -> np.ndarray:
-        """Return the time (n,) at which the next command takes effect; infinity if none was sent."""
+        """Return the time (n,) at which the next command takes effect; infinity if none is on its way."""
         which = np.searchsorted(self._sent_s, t_s + SHORTEST_S - self._delay_s, side="right")
         coming = np.append(self._sent_s, np.inf)[which]
         return coming + self._delay_s

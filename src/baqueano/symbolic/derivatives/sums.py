@@ -1,6 +1,6 @@
 """Extend the carry of a program by the sums of its outputs over the ticks, and their derivatives by some parameters.
 
-    S⁺ = S + y, ∂S⁺ = ∂S + ∂y, ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                                       (1)
+    S⁺ = S + y,    ∂S⁺ = ∂S + ∂y,    ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                              (1)
 
 All are scalars of the graph, so the back ends run it in lanes as any other step. As in tangents.py the arms of `where`
 are combined by a choice.

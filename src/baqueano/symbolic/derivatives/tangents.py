@@ -5,7 +5,7 @@ For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …. Ea
 for each edge of the graph, so it grows linearly. A value has s sources, n of them with a coefficient that is not 1, and
 u users, p of them more than a sum. With B blocks of parameters its elimination saves work if
 
-    s u + n p / B <= s + u:                                                                                       (1)
+    s u + n p / B <= s + u:                                                                               (1)
 
 the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken. The arms
 of `where` are combined by a choice between rows, never by a product with 0: the arm that is not taken may be NaN. If

@@ -60,7 +60,7 @@ def plan(
 
 
 def with_reciprocals(program: Program, uses: int) -> Program:
-    """Replace x / p by x · (1/p) if p is constant in the ticks, or divides at least `uses` times.
+    """Replace x / p by x · (1/p) if p does not change from tick to tick, or divides at least `uses` times.
 
     A quotient of which a step function is computed stays: ⌊49 · (1/49)⌋ is 0.
     """

@@ -65,7 +65,7 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
 
 
 def _with_size(g: "Graph", x: "Node", y: "Node") -> "Node | None":
-    """Return |x| for x · y if sign(x) is among the factors of y. The derivative of d |x| x becomes d |x| by this."""
+    """Return |x| for x · y if sign(x) is among the factors of y, as in the derivative of d |x| x; else None."""
     if y.op == "sign" and y.args[0] is x:
         return g.make("abs", x)
     for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():

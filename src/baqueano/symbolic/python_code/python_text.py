@@ -108,7 +108,7 @@ class _PythonText:
         self.uses = dict.fromkeys(below(roots), 0)
         for node in roots:
             self.uses[node] += 1
-        self.numbers: set[Node] = set()  # truths with which is calculated; float × bool is slow
+        self.numbers: set[Node] = set()  # truth values that are used as numbers; float × bool is slow
         for node in self.uses:
             truths = _truths(node)
             for k, a in enumerate(node.args):

@@ -119,12 +119,12 @@ def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     None if a block of the loop raises an error.
     """
     from baqueano import loop
-    from baqueano.drive.session import example_tick, ready
+    from baqueano.drive.session import compile_blocks, example_tick
     from baqueano.loop import Blocks
 
     own = {part: block_of(part, kind if part == room else _kind_in_file(part, file), file) for part in LOOP}
     tick = example_tick(file)
-    quick, _ = ready(Blocks(**own), tick, "auto")
+    quick, _ = compile_blocks(Blocks(**own), tick, "auto")
     states = loop.init(quick)
     try:
         _, estimate = quick.estimator.step(states.estimator, tick)

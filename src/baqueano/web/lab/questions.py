@@ -1,7 +1,7 @@
 """Answer questions of browsers by lab workers: laps and cost landscapes of gains, blocks, comparisons.
 
 Only the newest question of each kind of a browser counts; an older one that still waits is answered `stale`. Laps go
-before longer jobs: a landscape is computed in segments, and descents, checks and comparisons have a separate worker.
+before longer jobs: a landscape is computed in parts, and descents, checks and comparisons have a separate worker.
 """
 
 import asyncio

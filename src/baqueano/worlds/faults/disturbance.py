@@ -1,7 +1,7 @@
 """Convert faults to the inputs of a tick: forces, floor, voltage, grip and readings, as plain numbers.
 
 The inputs of tick k depend only on the faults, k and the seed. Every random number has its place in a stream by k, and
-is drawn even if no fault uses it, so that removing a fault does not change another one.
+is drawn even if no fault uses it. So removing a fault does not change another one.
 """
 
 from collections.abc import Sequence

@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.monitor.watching import innovations_of
-from baqueano.sensors.sampling import tells_pose
+from baqueano.sensors.sampling import measures_pose
 from baqueano.signals import seconds
 from baqueano.worlds.faults.fault import OF_CHANNEL, OF_SENSOR, SOURCE, Fault
 
@@ -95,7 +95,7 @@ class Ledger:
         sensors, self._estimator = file.sensors, estimator or file.estimator()
         self._sensors = sensors
         self._reads = {name: optional.of(getattr(sensors, name), "reads") for name in sensors._fields}
-        self._sees_pose = any(tells_pose(sensor) for sensor in sensors)
+        self._sees_pose = any(measures_pose(sensor) for sensor in sensors)
         self._used_channels: set[str] | None = None  # channels, once an innovation was seen; None: not known
         self.rows: list[LedgerRow] = []
         self.now_s = 0.0
