@@ -20,7 +20,7 @@ from baqueano.study.estimation.errors import (
     WHOLE,
     BlockSums,
     EstimatedPath,
-    beside,
+    block_errors,
     joined,
 )
 from baqueano.study.estimation.judging import JudgedEstimate
@@ -83,7 +83,7 @@ def test_a_path_with_half_the_error_has_half_the_ratio():
     eta = run.truth.eta.copy()
     off = 0.01 * run.t_s[:, None] * [1.0, 0.0, 0.0]
     speed = np.full(len(run.t_ns), V)
-    ratios = beside(
+    ratios = block_errors(
         run.t_ns,
         EstimatedPath(eta + 0.5 * off, speed + 0.05),
         EstimatedPath(eta + off, speed + 0.1),

@@ -268,7 +268,7 @@ def test_a_vehicle_at_rest_is_not_fitted_repeatedly(driven_runs, monkeypatch):
     time.sleep(0.1)
     assert not drive.state()["busy"]
     assert drive.state()["fit"]["took_s"] == took[0] == took[1]
-    drive.again()
+    drive.restart()
     assert drive.state()["fit"] is None
     drive.close()
 

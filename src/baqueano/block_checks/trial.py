@@ -84,43 +84,43 @@ class Trial:
         return result
 
     def expect(
-        self, what: str, value: object, shape: tuple[int, ...], when: Diagnostic, verb: str = "step"
+        self, quantity: str, value: object, shape: tuple[int, ...], when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
         """Return a finite array of this shape; GaveUp for anything else."""
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            self.say("check.no-numbers", verb, what=what, found=type(value).__name__, shape=str(shape))
+            self.say("check.no-numbers", verb, what=quantity, found=type(value).__name__, shape=str(shape))
             raise GaveUp from None
         if array.shape != shape:
-            self.say("check.shape", verb, what=what, found=str(array.shape), shape=str(shape))
+            self.say("check.shape", verb, what=quantity, found=str(array.shape), shape=str(shape))
             raise GaveUp
         if not np.all(np.isfinite(array)):
-            self.say("check.not-finite", verb, what=what, found=str(array.tolist()), when=when)
+            self.say("check.not-finite", verb, what=quantity, found=str(array.tolist()), when=when)
             raise GaveUp
         return array
 
-    def stamped(self, output: object, t_ns: int, of: str, when: Diagnostic) -> None:
+    def stamped(self, output: object, t_ns: int, quantity: str, when: Diagnostic) -> None:
         """Check that the output has the timestamp of its input."""
         stamp = getattr(output, "t_ns", None)
         if stamp is None or int(stamp) != t_ns:
-            self.say("check.stamp", "step", found=stamp, of=of, t_ns=t_ns, when=when)
+            self.say("check.stamp", "step", found=stamp, of=quantity, t_ns=t_ns, when=when)
 
-    def wrapped(self, what: str, psi: float, when: Diagnostic) -> None:
+    def wrapped(self, quantity: str, psi: float, when: Diagnostic) -> None:
         """Check that an angle that leaves a block lies within [−π, π]."""
         if abs(psi) > np.pi + 1e-9:
-            self.say("check.not-wrapped", "step", what=what, psi_rad=psi, when=when)
+            self.say("check.not-wrapped", "step", what=quantity, psi_rad=psi, when=when)
 
     def covariance(
-        self, what: str, value: object, size: int, when: Diagnostic, verb: str = "step"
+        self, quantity: str, value: object, size: int, when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
         """Return a covariance, and check that it is symmetric, without an eigenvalue below 0."""
-        P = self.expect(what, value, (size, size), when, verb)
+        P = self.expect(quantity, value, (size, size), when, verb)
         scale = np.max(np.abs(P), initial=0.0)
         if np.max(np.abs(P - P.T), initial=0.0) > 1e-9 * scale:
-            self.say("check.not-symmetric", verb, what=what, when=when)
+            self.say("check.not-symmetric", verb, what=quantity, when=when)
         elif np.linalg.eigvalsh(P)[0] < -1e-9 * scale:
-            self.say("check.eigenvalue", verb, what=what, smallest=np.linalg.eigvalsh(P)[0], when=when)
+            self.say("check.eigenvalue", verb, what=quantity, smallest=np.linalg.eigvalsh(P)[0], when=when)
         return P
 
     def done(self) -> list[Diagnostic]:

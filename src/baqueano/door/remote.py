@@ -52,13 +52,13 @@ ATTACH = "exec baqueano robot attach"
 class Remote:
     """A connection to a vehicle."""
 
-    def __init__(self, to: BinaryIO, of: BinaryIO, name: str) -> None:
+    def __init__(self, to: BinaryIO, source: BinaryIO, name: str) -> None:
         self.name, self.inbox = name, queue.SimpleQueue()
         self.state: JsonObject = {}
         self.acknowledged = ""  # the last word that was acknowledged
         self.on_message: Callable[[JsonObject], object] = lambda message: None  # receives each message
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
-        self._to, self._of, self._lock = to, of, threading.Lock()
+        self._to, self._of, self._lock = to, source, threading.Lock()
         self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
         self._hearing.start()
 

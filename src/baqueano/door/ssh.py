@@ -92,7 +92,7 @@ def shown(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
             thread.join(LAST_S)
 
 
-def _show(of: IO[bytes], to: TextIO) -> None:
+def _show(source: IO[bytes], to: TextIO) -> None:
     """Forward the bytes as they arrive, as a password prompt ends without a newline.
 
     A raw terminal of ssh needs \\r.
@@ -100,7 +100,7 @@ def _show(of: IO[bytes], to: TextIO) -> None:
     decoder = codecs.getincrementaldecoder("utf-8")("replace")
     while True:
         try:
-            data = os.read(of.fileno(), 1 << 16)
+            data = os.read(source.fileno(), 1 << 16)
         except (OSError, ValueError):
             return
         text = printable(decoder.decode(data, final=not data).replace("\r", ""))

@@ -19,12 +19,12 @@ ENOUGH = 4_000  # rows in all, from which on threads are faster
 AT_ONCE = 200_000  # operations of a product that runs on one core
 
 
-def each(what: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
-    """Return the results of `what` for the first entries of the lists, for the second ones, and so on. `rows` is
+def each(work: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
+    """Return the results of `work` for the first entries of the lists, for the second ones, and so on. `rows` is
     the total number of data rows."""
     if len(lists[0]) < 2 or rows < ENOUGH:
-        return list(map(what, *lists))
-    return list(_pool().map(what, *lists))
+        return list(map(work, *lists))
+    return list(_pool().map(work, *lists))
 
 
 def ahead(work: Callable[[], R], *, rows: int) -> Callable[[], R]:

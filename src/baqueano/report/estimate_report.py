@@ -19,9 +19,9 @@ from baqueano.signals import seconds
 PLACES = 400  # of the corridor, along a path
 
 
-def beside_each_other(both: Comparison) -> list[Section]:
+def beside_each_other(comparison: Comparison) -> list[Section]:
     """Return the section that compares two estimates of one drive, a column each."""
-    rows = [run.row() for run in both.runs]
+    rows = [run.row() for run in comparison.runs]
     columns = {
         _("estimated position off, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
         _("drift over 1 s [m]"): "rpe_m", _("estimated speed off, rms [m/s]"): "speed_error_m_s",
@@ -32,14 +32,14 @@ def beside_each_other(both: Comparison) -> list[Section]:
         for label, key in columns.items()
     ]
     headings = {"figure": _("figure")} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
-    sentences = "\n".join(f"{run.name}: {line}" for run in both.runs for line in run.sentences)
+    sentences = "\n".join(f"{run.name}: {line}" for run in comparison.runs for line in run.sentences)
     return [Section(_("Two estimators, one drive"), sentences, [Table(lines, "", headings)])]
 
 
-def sentence_of_path(one: RunComparison, alignment: str) -> str:
+def sentence_of_path(comparison: RunComparison, alignment: str) -> str:
     """Return the text above the drawing of a path: its divergence, or its corridor, and its alignment."""
-    sentence = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
-    corridor = one.corridor
+    sentence = f"{comparison.sentences[0]} " if np.isfinite(comparison.diverged_s) else ""
+    corridor = comparison.corridor
     if corridor is not None and not sentence:
         lap = " " + _("in the last lap") if _laps(corridor) > 1 else ""
         sentence = (

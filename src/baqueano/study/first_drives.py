@@ -150,12 +150,12 @@ def first_drives(
     return FirstDrives(tuple(rows))
 
 
-def _row(wiring: str, some: list[FirstDriveFigures]) -> Row:
-    margins = np.array([drive.margin_m for drive in some])
-    gain = float(np.median([drive.gain_off for drive in some]))
-    named_count, longest = sum(drive.named for drive in some), max(drive.seconds for drive in some)
+def _row(wiring: str, figures: list[FirstDriveFigures]) -> Row:
+    margins = np.array([drive.margin_m for drive in figures])
+    gain = float(np.median([drive.gain_off for drive in figures]))
+    named_count, longest = sum(drive.named for drive in figures), max(drive.seconds for drive in figures)
     return Row(
-        wiring, len(some), int(np.sum(margins < 0.0)), float(margins.min()), named_count, gain, longest
+        wiring, len(figures), int(np.sum(margins < 0.0)), float(margins.min()), named_count, gain, longest
     )
 
 

@@ -52,12 +52,14 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
     )
 
 
-def sections_of(one: Judgement) -> list[Section]:
+def sections_of(judgement: Judgement) -> list[Section]:
     """Return the sections on the evaluation of a model on a run."""
     title = _(
-        "Fitted on {fitted_on}, judged on {judged_on}", fitted_on=one.fitted_on, judged_on=one.judged_on
+        "Fitted on {fitted_on}, judged on {judged_on}",
+        fitted_on=judgement.fitted_on,
+        judged_on=judgement.judged_on,
     )
-    t_s, measured, model = one.predicted
+    t_s, measured, model = judgement.predicted
     first = t_s <= t_s[0] + SHOWN_S
     drawing = figures.channels(t_s[first], measured[first], model[first], [_(name) for name in CHANNELS])
     drawings = draw(
@@ -69,8 +71,8 @@ def sections_of(one: Judgement) -> list[Section]:
     )
     return [
         Section(_("{title}: the model", title=title), "", [drawings]),
-        Section(_("{title}: the path", title=title), text, paths(one.replayed)),
-        *errors(one.replayed),
+        Section(_("{title}: the path", title=title), text, paths(judgement.replayed)),
+        *errors(judgement.replayed),
     ]
 
 

@@ -59,9 +59,9 @@ class PairedDifference(NamedTuple):
 UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
 
 
-def paired(ours: Sequence[Pieces], others: Sequence[Pieces]) -> PairedDifference:
-    """Return the ratio of two cells; drive k of `ours` and of `others` is the same drive.  (1)"""
-    both = [_blocks(a, b) for a, b in zip(ours, others, strict=True) if sum(a.squares) * sum(b.squares) > 0.0]
+def paired(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> PairedDifference:
+    """Return the ratio of two cells; drive k of `ours` and of `theirs` is the same drive.  (1)"""
+    both = [_blocks(a, b) for a, b in zip(ours, theirs, strict=True) if sum(a.squares) * sum(b.squares) > 0.0]
     if not both:
         return UNKNOWN
     logs, n = np.array([_log_ratio(np.sum(blocks_of_drive, axis=0)) for blocks_of_drive in both]), len(both)

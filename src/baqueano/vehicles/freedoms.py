@@ -31,29 +31,29 @@ def kept(vehicle: DynamicVehicle) -> tuple[int, ...]:
     return tuple(moving)
 
 
-def rates(vehicle: DynamicVehicle, there: tuple[int, ...] | None = None) -> np.ndarray:
-    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot. `there` is (1), if it is known.  (2)"""
+def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> np.ndarray:
+    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot. `freedoms` is (1), if known.  (2)"""
     if not is_dynamic(vehicle):
         return np.zeros(3)
-    return _rates(vehicle, kept(vehicle) if there is None else there)
+    return _rates(vehicle, kept(vehicle) if freedoms is None else freedoms)
 
 
 def slopes(
-    vehicle: DynamicVehicle, fields: Collection[str], there: tuple[int, ...] | None = None
+    vehicle: DynamicVehicle, fields: Collection[str], freedoms: tuple[int, ...] | None = None
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield (path with its entry, slope (3,)) of each parameter of the `fields`, "model.…", that damps a motion.
 
-    `there` is (1), if it is known.  (3)
+    `freedoms` is (1), if known.  (3)
     """
-    model, there = {"model": vehicle}, kept(vehicle) if there is None else there
+    model, freedoms = {"model": vehicle}, kept(vehicle) if freedoms is None else freedoms
     for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
         shape = np.shape(get(model, path))
-        none, all_of_it = (_rates(put(model, path, np.full(shape, x))["model"], there) for x in (0.0, 1.0))
+        none, all_of_it = (_rates(put(model, path, np.full(shape, x))["model"], freedoms) for x in (0.0, 1.0))
         for index in np.ndindex(shape) if np.any(np.abs(all_of_it - none) > 1e-6) else ():
             entry_path = f"{path}[{','.join(map(str, index))}]" if index else path
-            at = [_rates(put(model, entry_path, x)["model"], there) for x in (0.0, 1.0, 2.0)]
+            at = [_rates(put(model, entry_path, x)["model"], freedoms) for x in (0.0, 1.0, 2.0)]
             first, second = at[1] - at[0], at[2] - at[1]
             if np.any(first > 1e-6) and np.allclose(first, second, rtol=1e-3):
                 yield entry_path, np.where(first > 1e-6, first, 0.0)

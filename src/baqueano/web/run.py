@@ -41,7 +41,10 @@ class PageOptions:
 
 
 async def show_runs(
-    names: tuple[str, ...], how: PageOptions, say: Callable[[Diagnostic | str], object], lasting: bool = True
+    names: tuple[str, ...],
+    options: PageOptions,
+    say: Callable[[Diagnostic | str], object],
+    lasting: bool = True,
 ) -> None:
     """Serve recorded runs, the second as a ghost of the first, until a signal ends the process.
 
@@ -49,14 +52,14 @@ async def show_runs(
     """
     lab = Lab()
     try:
-        reply, _ = await lab.ask("find", names=names, folder=str(how.folder))
+        reply, _ = await lab.ask("find", names=names, folder=str(options.folder))
         paths = tuple(map(Path, reply["paths"]))
-        shelf = Shelf(how.folder, paths)
+        shelf = Shelf(options.folder, paths)
         page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-        server = _server(page, shelf, how)
+        server = _server(page, shelf, options)
         try:
             async with server:
-                announce(server, how, say)
+                announce(server, options, say)
                 await (interrupted() if lasting else _first(interrupted(), _until_empty(server)))
         finally:
             await page.close()
@@ -67,7 +70,7 @@ async def show_runs(
 
 async def show_vehicle(
     start: Callable[[], Awaitable[DoorLink]],
-    how: PageOptions,
+    options: PageOptions,
     say: Callable[[Diagnostic | str], object],
     robot: "tuple[str, Path] | None" = None,
     lasting: bool = True,
@@ -80,14 +83,14 @@ async def show_vehicle(
     `lasting`. `robot` gives the local vehicle file and the folder of routes. `vehicle` is the file whose parameters
     are identified. `meet` receives a function that returns the number of connected browsers.
     """
-    lab, shelf = Lab(), Shelf(how.folder)
+    lab, shelf = Lab(), Shelf(options.folder)
     link = await start()
     live = Live(link, lambda: server.visitors)
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    page.source = lambda: source_of(live.identifying.vehicle, how.routes)
+    page.source = lambda: source_of(live.identifying.vehicle, options.routes)
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
     live.on_done = lambda: page.list_to(server.visitors)
-    server = _server(page, shelf, how)
+    server = _server(page, shelf, options)
     server.foxglove = live.foxglove
     live.identifying.vehicle = robot[0] if robot is not None else vehicle
     if robot is not None:
@@ -104,7 +107,7 @@ async def show_vehicle(
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
-            announce(server, how, say)
+            announce(server, options, say)
             ending = asyncio.create_task(interrupted())
             await asyncio.wait({ending, hearing, over}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
@@ -148,10 +151,10 @@ def _server(page: BrowserPage, shelf: Shelf, options: PageOptions) -> Server:
     )
 
 
-def announce(server: Server, how: PageOptions, say: Callable[[Diagnostic | str], object]) -> None:
+def announce(server: Server, options: PageOptions, say: Callable[[Diagnostic | str], object]) -> None:
     """Print the addresses, and open a tab."""
     tokens = server.guard.tokens
-    if not how.share:
+    if not options.share:
         own = url(LOOPBACK, server.port, tokens)
     else:
         address = server.shared_at
@@ -163,7 +166,7 @@ def announce(server: Server, how: PageOptions, say: Callable[[Diagnostic | str],
     say(note("web.at", url=own))
     if server.foxglove is not None:
         say(note("web.foxglove", url=foxglove_url(server, tokens)))
-    if how.browser:
+    if options.browser:
         asyncio.get_running_loop().run_in_executor(None, open_tab, own)
 
 

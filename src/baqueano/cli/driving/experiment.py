@@ -97,11 +97,12 @@ def command(
             answer(result, as_json)
             options.kept(result.rounds[-1].fit.vehicle_file, update)
         else:
-            one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json, shake)
+            u = signal_of(file, kind, room, seconds, seed, backend)
+            run_experiment(file, place, u, path_of(""), as_json, shake)
     talk(note("cli.next-identify", fix=typed("identify", *run_names, *options.naming(file, folder))))
 
 
-def one(
+def run_experiment(
     file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool, shake: tuple[str, ...] = ()
 ) -> None:
     """Drive the commands `u` (N, n), and show the run."""

@@ -54,7 +54,7 @@ class Here:
         arguments = self._options() | options
         arguments["observers"] = (Progress(progress), *arguments.get("observers", ()))
         if self._page is not None:
-            arguments = self._page.door.here(mission, file, arguments)
+            arguments = self._page.door.local_options(mission, file, arguments)
         return perform(mission, file, hand, path=path, **arguments)
 
     def back_in_the_middle(self) -> None:
@@ -79,7 +79,7 @@ class There:
             name: options[name] for name in ("say", "words", "on_state") if name in options
         }
         if self._page is not None:
-            callbacks |= self._page.door.there(self._remote)
+            callbacks |= self._page.door.remote_options(self._remote)
         return self._remote.perform(
             packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **callbacks
         )

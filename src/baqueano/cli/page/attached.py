@@ -17,7 +17,7 @@ from baqueano.web.service import Link, on_pipes
 LOOK_S = 0.05  # between two counts of the viewers
 
 
-async def serve(how: PageOptions) -> None:
+async def serve(options: PageOptions) -> None:
     """Serve the drives of the verb until its end of the pipes is closed, and report the number of viewers."""
     link: list[Link] = []
     viewers: list[Callable[[], int]] = []
@@ -42,7 +42,7 @@ async def serve(how: PageOptions) -> None:
                 await asyncio.sleep(LOOK_S)
 
     try:
-        await show_vehicle(start, how, say, lasting=False, meet=viewers.append)
+        await show_vehicle(start, options, say, lasting=False, meet=viewers.append)
     finally:
         for task in counting:
             task.cancel()

@@ -1,7 +1,7 @@
 """Open a door in the process of a verb: the page is its only guest, and receives the drives like those of a service.
 
-here     the loop runs in this process, in wall time, and shows each tick                        (`here`)
-there    a robot drives: its messages are passed on to the page, a stop of the page to the robot (`there`)
+here     the loop runs in this process, in wall time, and shows each tick                        (`local_options`)
+there    a robot drives: its messages are passed on to the page, a stop of the page to the robot (`remote_options`)
 """
 
 import json
@@ -82,12 +82,12 @@ class DriveDoor:
         self._door.tell({"is": "over", "why": reason})
         self._door.close()
 
-    def wait_for_hand(self, there: Callable[[], bool]) -> None:
+    def wait_for_hand(self, is_running: Callable[[], bool]) -> None:
         """Wait until a person begins to drive by hand on the page.
 
-        Raise RobotUnreachable once `there` returns False.
+        Raise RobotUnreachable once `is_running` returns False.
         """
-        while there():
+        while is_running():
             request = self.operator.next()
             if request is None:
                 time.sleep(TELL_S / 10)
@@ -98,7 +98,7 @@ class DriveDoor:
             self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
         raise RobotUnreachable(fault("cli.page-gone"))
 
-    def here(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
+    def local_options(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
         """Return the options of a drive in this process with which the page shows it and sets its pace."""
         start_options = (
             {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
@@ -122,7 +122,7 @@ class DriveDoor:
             raise KeyboardInterrupt
         return self.operator.command(commands)
 
-    def there(self, remote: "Remote") -> "JsonObject":
+    def remote_options(self, remote: "Remote") -> "JsonObject":
         """Return the options of `Remote.perform` with which the page shows the drive of a robot."""
         self._robot, remote.on_message = remote, self._relay
         watching, stopped = False, False

@@ -45,14 +45,14 @@ class LivePage:
         self.door, self._program = door, program
 
     @property
-    def there(self) -> bool:
+    def is_running(self) -> bool:
         """Return True while the page process runs."""
         return self._program.poll() is None
 
     def wait_for_hand(self) -> None:
         """Wait until a person takes the lease on the page and begins to drive."""
         talk(note("cli.page-waits"))
-        self.door.wait_for_hand(lambda: self.there)
+        self.door.wait_for_hand(lambda: self.is_running)
 
 
 @contextmanager

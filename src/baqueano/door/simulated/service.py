@@ -80,7 +80,9 @@ class SimulatedService:
             "pace": lambda guest, request: self._while_holding(guest, lambda: self.pace.set(float(request["factor"]))),
             "routes": lambda guest, request: {"is": "routes", "routes": self.routes.rows()},
             "shake": lambda guest, request: self._while_holding(guest, lambda: self.shaken.take(request)),
-            "again": lambda guest, request: self._while_holding(guest, lambda: self.shaken.again(guest, request)),
+            "again": lambda guest, request: self._while_holding(
+                guest, lambda: self.shaken.repeat_mission(guest, request)
+            ),
         }  # fmt: skip
 
     def run(self) -> None:

@@ -61,7 +61,7 @@ class FaultWords:
         else:
             world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
 
-    def again(self, guest: object, request: JsonObject) -> None:
+    def repeat_mission(self, guest: object, request: JsonObject) -> None:
         """Request the last mission again. Raise UsageError without a previous mission, or if a person drove it."""
         if self._last is None:
             raise UsageError(fault("shake.no-mission"))

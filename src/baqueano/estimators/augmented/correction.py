@@ -53,7 +53,7 @@ def corrected(
     effort: Effort,
     nu_dot: Value,
     tick: Tick,
-    still: bool,
+    at_rest: bool,
     dt_s: Value,
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
@@ -94,7 +94,7 @@ def corrected(
         least_error = np.minimum(np.abs(e), np.abs(e - last[c] / np.sqrt(s)) / np.sqrt(2.0))
         return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD) / limit) ** 8)
 
-    E = its.resting if still else its.moving
+    E = its.resting if at_rest else its.moving
     # a number that did not arrive has weight 0, and its noise is independent of the others
     own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
     update = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))

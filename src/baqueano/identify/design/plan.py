@@ -287,7 +287,7 @@ def driven(
 
 
 def _first(
-    some: list[int],
+    indices: list[int],
     commands: Callable[[int], np.ndarray],
     cloud: Cloud,
     room: Room,
@@ -295,9 +295,9 @@ def _first(
     tick: int,
 ) -> tuple[int, VehicleState] | None:
     """Return the first of the pieces that is allowed, and the cloud after it, or None."""
-    for at in range(0, len(some), TRIED):
-        us = [commands(k) for k in some[at : at + TRIED]]
+    for at in range(0, len(indices), TRIED):
+        us = [commands(k) for k in indices[at : at + TRIED]]
         place = first_allowed(cloud, room, state, us, tick)
         if place:
-            return some[at + place[0]], place[1]
+            return indices[at + place[0]], place[1]
     return None

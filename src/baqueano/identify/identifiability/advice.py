@@ -14,71 +14,75 @@ MOST = 4  # names in one message
 WARNING = Severity.WARNING
 
 
-def weakly(one: Free, near: Sequence[Free]) -> Diagnostic:
+def weakly(parameter: Free, near: Sequence[Free]) -> Diagnostic:
     """Return the reason for the large error of a parameter, and the motion that would reduce it."""
     if near:
         names = _names(near)
         return note(
             "identifiability.weakly-beside",
             WARNING,
-            subject=one.path,
+            subject=parameter.path,
             others=names,
-            why=_motion_note((one, *near)),
-            needs=_needs(one),
+            why=_motion_note((parameter, *near)),
+            needs=_needs(parameter),
         )
     return note(
-        "identifiability.weakly", WARNING, subject=one.path, why=_motion_note((one,)), needs=_needs(one)
+        "identifiability.weakly",
+        WARNING,
+        subject=parameter.path,
+        why=_motion_note((parameter,)),
+        needs=_needs(parameter),
     )
 
 
-def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = ()) -> Diagnostic:
+def unobservable(parameter: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = ()) -> Diagnostic:
     """Return the reason why a parameter is held at the value `at`, and the motion that would show it."""
     if ties:
         return note(
             "identifiability.tied",
-            subject=one.path,
+            subject=parameter.path,
             others=_names(ties),
             at=at,
-            how=_by_hand(one),
-            apart=_separation((one, *ties)),
+            how=_by_hand(parameter),
+            apart=_separation((parameter, *ties)),
         )
-    if one.of.role == "scale":
-        return note("identifiability.scale", subject=one.path, at=at, needs=_needs(one))
-    reason, needs = _motion_note((one, *near)), _needs(one)
+    if parameter.of.role == "scale":
+        return note("identifiability.scale", subject=parameter.path, at=at, needs=_needs(parameter))
+    reason, needs = _motion_note((parameter, *near)), _needs(parameter)
     if near:
         return note(
             "identifiability.not-beside",
-            subject=one.path,
+            subject=parameter.path,
             others=_names(near),
             at=at,
             why=reason,
             needs=needs,
         )
-    return note("identifiability.not", subject=one.path, at=at, why=reason, needs=needs)
+    return note("identifiability.not", subject=parameter.path, at=at, why=reason, needs=needs)
 
 
-def missing_command(some: Sequence[Free], command: str, never: bool) -> Diagnostic:
+def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Diagnostic:
     """Return the reason why a column of T or V is unknown."""
-    names = _names(some)
+    names = _names(parameters)
     if never and command == "u_y":
-        return note("identifiability.never-sideways", subject=some[0].path, names=names)
+        return note("identifiability.never-sideways", subject=parameters[0].path, names=names)
     code = "identifiability.never" if never else "identifiability.command-still"
-    return note(code, subject=some[0].path, names=names, command=command)
+    return note(code, subject=parameters[0].path, names=names, command=command)
 
 
-def _names(some: Sequence[Free]) -> str:
+def _names(parameters: Sequence[Free]) -> str:
     """Return the short names, at most MOST."""
-    return ", ".join([parameter.short for parameter in some[:MOST]] + ["…"] * (len(some) > MOST))
+    return ", ".join([parameter.short for parameter in parameters[:MOST]] + ["…"] * (len(parameters) > MOST))
 
 
-def _motion_note(some: Sequence[Free]) -> Diagnostic | str:
+def _motion_note(parameters: Sequence[Free]) -> Diagnostic | str:
     """Return a note on the limited motion that does not separate these parameters, or ""."""
-    axes = {parameter.axis for parameter in some if parameter.axis is not None}
+    axes = {parameter.axis for parameter in parameters if parameter.axis is not None}
     if axes == {1}:
         return note("identifiability.hardly-sideways")
     frictions = {
         parameter.path.partition("[")[0]
-        for parameter in some
+        for parameter in parameters
         if parameter.axis is not None and parameter.of.role != "gain"
     }
     if len(axes) == 1 and len(frictions) > 1:
@@ -94,9 +98,9 @@ def _by_hand(parameter: Free) -> Diagnostic:
     )
 
 
-def _separation(some: Sequence[Free]) -> Diagnostic | str:
+def _separation(parameters: Sequence[Free]) -> Diagnostic | str:
     """Return up to two motions that separate these parameters, or ""."""
-    motions = [*dict.fromkeys(parameter.shown_by for parameter in some if parameter.shown_by)][:2]
+    motions = [*dict.fromkeys(parameter.shown_by for parameter in parameters if parameter.shown_by)][:2]
     if len(motions) == 2:
         return note("identifiability.apart-by-two", first=motions[0], second=motions[1])
     return note("identifiability.apart", motion=motions[0]) if motions else ""

@@ -157,11 +157,11 @@ def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -
     return put(ekf, "velocity_walk_std[0]", float(min(ekf.velocity_walk_std[0], noise_std * np.sqrt(dt_s))))
 
 
-def _corrects(its: Layout, name: str) -> list[int]:
+def _corrects(layout: Layout, name: str) -> list[int]:
     """Return the entries of a sensor that correct while the vehicle drives."""
     return [
         i
-        for (name_i, i), E in zip(_numbers(its), its.moving, strict=True)
+        for (name_i, i), E in zip(_numbers(layout), layout.moving, strict=True)
         if name_i == name and np.any(E > 0.0)
     ]
 
@@ -195,12 +195,12 @@ def _free(
 
 
 def _rounding(
-    its: Layout, inertial: set[str], runs: Sequence[Run]
+    layout: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
     """Return the least variance of quantised entries that measure a velocity, as those of a counter."""
-    numbers, out = _numbers(its), {}
+    numbers, out = _numbers(layout), {}
     places = {
-        numbers[k] for group in its.places for k in group
+        numbers[k] for group in layout.places for k in group
     }  # repeated positions of a tag are not quantised
     for name, i in numbers:
         z = np.concatenate(
@@ -213,9 +213,9 @@ def _rounding(
     return out
 
 
-def _numbers(its: Layout) -> list[tuple[str, int]]:
+def _numbers(layout: Layout) -> list[tuple[str, int]]:
     """Return the sensor and the entry of each number, in the order of the layout."""
-    return [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
+    return [(name, i) for name, rows in zip(layout.names, layout.at, strict=True) for i in rows]
 
 
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:

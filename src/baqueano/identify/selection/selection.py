@@ -157,11 +157,11 @@ class _Growing:
     """The problem with all terms in it, and the models that are fitted to it."""
 
     def __init__(
-        self, how: FitSetup, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
+        self, setup: FitSetup, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        runs, use, options, validation_runs = how
-        self.how, self.least_paths, self.terms, self.say = how, least, terms, say
+        runs, use, options, validation_runs = setup
+        self.how, self.least_paths, self.terms, self.say = setup, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
         file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
@@ -180,7 +180,7 @@ class _Growing:
         self.paths = [candidate.path for candidate in candidates]
         shape = shape_of(blocks, candidates, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        every = HeldOut(blocks, shape, records, rest, len(validation_runs), how.options.backend)
+        every = HeldOut(blocks, shape, records, rest, len(validation_runs), setup.options.backend)
         theta, every.low, every.high = first_theta(blocks, candidates, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that count as 0

@@ -35,13 +35,13 @@ text{fill:var(--ink)}.soft{fill:var(--soft)}.title{font-weight:600;font-size:16p
 """
 
 
-def animation(of: Scene, stages: Sequence[Stage] = (), labels: Sequence[str] = ()) -> str:
+def animation(scene: Scene, stages: Sequence[Stage] = (), labels: Sequence[str] = ()) -> str:
     """Return the SVG of a scene, with the stages of a fit beside it; `labels` name its parameters."""
-    clock = _Clock(of, bool(stages))
+    clock = _Clock(scene, bool(stages))
     parts = [
-        *_path(of, clock),
-        *_readout(of, clock, 312 if stages else 120),
-        *_legend(of, 374 if stages else 220),
+        *_path(scene, clock),
+        *_readout(scene, clock, 312 if stages else 120),
+        *_legend(scene, 374 if stages else 220),
     ]
     if stages:
         parts += _fit_parts(stages, labels, clock)
@@ -57,12 +57,12 @@ def animation(of: Scene, stages: Sequence[Stage] = (), labels: Sequence[str] = (
 class _Clock:
     """The time of the picture: a fit and the teaching, the laps, a rest; then from the start again."""
 
-    def __init__(self, of: Scene, teaches: bool) -> None:
+    def __init__(self, scene: Scene, teaches: bool) -> None:
         self.begin_s = FIT_S if teaches else 0.6
-        self.laps_s = min(LAP_S * of.laps, LONGEST_S)
+        self.laps_s = min(LAP_S * scene.laps, LONGEST_S)
         self.whole_s = self.begin_s + self.laps_s + REST_S
         self.frames: dict[str, str] = {}
-        self._end_s = float(of.t_s[-1])
+        self._end_s = float(scene.t_s[-1])
 
     def at(self, t_s: float) -> float:
         """Return the time of the picture [s] at the instant `t_s` of the run."""
@@ -88,11 +88,13 @@ class _Clock:
 class _Map:
     """The conversion from metres to the picture: x to the right, y up, the same scale for both."""
 
-    def __init__(self, of: Scene) -> None:
-        poses_list = [poses[:, :2] for poses in (of.estimated, of.true, of.route) if poses is not None]
+    def __init__(self, scene: Scene) -> None:
+        poses_list = [
+            poses[:, :2] for poses in (scene.estimated, scene.true, scene.route) if poses is not None
+        ]
         xy = np.concatenate(poses_list)
-        widest = 0.0 if of.half_m is None else float(np.nanmax(of.half_m, initial=0.0))
-        room = max(of.radius_m, widest) * 1.15
+        widest = 0.0 if scene.half_m is None else float(np.nanmax(scene.half_m, initial=0.0))
+        room = max(scene.radius_m, widest) * 1.15
         low, high = xy.min(axis=0) - room, xy.max(axis=0) + room
         self.scale = float(
             min((LEFT - MARGIN) / (high[0] - low[0]), (HIGH - 2 * MARGIN) / (high[1] - low[1]))
@@ -110,31 +112,31 @@ class _Map:
         return f"transform:translate({x:.1f}px,{y:.1f}px)rotate({-turned_deg:.0f}deg)"
 
 
-def _path(of: Scene, clock: _Clock) -> list[str]:
+def _path(scene: Scene, clock: _Clock) -> list[str]:
     """Return the route, the trail of each instant, and the vehicle."""
-    to = _Map(of)
+    to = _Map(scene)
     out = []
-    if of.route is not None:
-        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in to(of.route))
+    if scene.route is not None:
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in to(scene.route))
         drawing_style = ""
         if clock.begin_s >= FIT_S:  # it is taught while the fit narrows
             steps = [(0.0, "stroke-dashoffset:1"), (clock.begin_s - 0.3, "stroke-dashoffset:0")]
             drawing_style = f' pathLength="1" stroke-dasharray="1" style="{clock.moves("r", steps)}"'
         out.append(f'<polyline class="route" points="{points}"{drawing_style}/>')
-    out += _trail(of, to, clock)
-    headings = np.degrees(np.unwrap(of.vehicle_poses[:, 2]))
-    size = max(of.radius_m * to.scale, 5.0)
-    lesson_steps = _lesson_steps(of, clock) if of.route is not None and clock.begin_s >= FIT_S else []
+    out += _trail(scene, to, clock)
+    headings = np.degrees(np.unwrap(scene.vehicle_poses[:, 2]))
+    size = max(scene.radius_m * to.scale, 5.0)
+    lesson_steps = _lesson_steps(scene, clock) if scene.route is not None and clock.begin_s >= FIT_S else []
     steps = [(s, to.pose(eta, deg)) for s, eta, deg in lesson_steps]
     steps += [
         (clock.at(t), to.pose(eta, deg))
-        for t, eta, deg in zip(of.t_s, of.vehicle_poses, headings, strict=True)
+        for t, eta, deg in zip(scene.t_s, scene.vehicle_poses, headings, strict=True)
     ]
     wheel = f'<rect class="wheel" x="{-size / 2.6:.1f}" width="{size / 1.3:.1f}" height="{size / 3.2:.1f}"'
-    if of.true is not None and of.estimated is not None:
-        heading_deg = np.degrees(np.unwrap(of.estimated[:, 2]))
+    if scene.true is not None and scene.estimated is not None:
+        heading_deg = np.degrees(np.unwrap(scene.estimated[:, 2]))
         ghost = [(clock.at(t), to.pose(eta, deg))
-                 for t, eta, deg in zip(of.t_s, of.estimated, heading_deg, strict=True)]  # fmt: skip
+                 for t, eta, deg in zip(scene.t_s, scene.estimated, heading_deg, strict=True)]  # fmt: skip
         style = clock.moves("g", [(s, f"{css};opacity:{int(s > clock.begin_s)}") for s, css in ghost])
         out.append(f'<g style="{ghost[-1][1]};{style}"><circle class="ghost" r="{size:.1f}"/></g>')
     out.append(
@@ -145,35 +147,39 @@ def _path(of: Scene, clock: _Clock) -> list[str]:
     return out
 
 
-def _lesson_steps(of: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, float]]:
+def _lesson_steps(scene: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, float]]:
     """Return (seconds, pose, heading [°]) along the route while it is taught."""
-    assert of.route is not None
-    xy = of.route[:: max(1, len(of.route) // 40)]
+    assert scene.route is not None
+    xy = scene.route[:: max(1, len(scene.route) // 40)]
     ahead = np.diff(xy, axis=0, append=xy[:1])
     heading = np.degrees(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])))
     when = np.linspace(0.0, clock.begin_s - 0.3, len(xy))
-    first = np.degrees(np.unwrap(of.vehicle_poses[:, 2]))[0]
+    first = np.degrees(np.unwrap(scene.vehicle_poses[:, 2]))[0]
     heading += 360.0 * round((first - heading[-1]) / 360.0)  # so that it does not turn before the first lap
     return [(float(s), np.append(p, 0.0), float(deg)) for s, p, deg in zip(when, xy, heading, strict=True)]
 
 
-def _trail(of: Scene, to: _Map, clock: _Clock) -> list[str]:
+def _trail(scene: Scene, to: _Map, clock: _Clock) -> list[str]:
     """Return the corridor, the estimated and the true path between instants.
 
     Each segment stays for a lap, those of the last lap stay to the end.
     """
     out = []
-    a_lap = clock.laps_s / of.laps
+    a_lap = clock.laps_s / scene.laps
     steps = "0%{opacity:0}0.6%{opacity:1}%s{opacity:1}%s{opacity:0}100%%{opacity:0}"
     for name, stay_s in (("t", a_lap), ("l", min(a_lap + REST_S, clock.whole_s - 0.4))):
         clock.frames[name] = steps.replace("0%{opacity:0}0.6%{", "0%%{opacity:0}0.6%%{") % (
             clock.part(stay_s), clock.part(stay_s + 0.3))  # fmt: skip
-    last = of.t_s[-1] * (of.laps - 1) / of.laps - 1e-9
-    for k, (t, _until) in enumerate(pairwise(of.t_s)):
+    last = scene.t_s[-1] * (scene.laps - 1) / scene.laps - 1e-9
+    for k, (t, _until) in enumerate(pairwise(scene.t_s)):
         parts = []
-        if of.estimated is not None and of.half_m is not None and np.isfinite(of.half_m[k : k + 2]).all():
-            parts.append(_quad(of, to, k))
-        for poses, kind in ((of.estimated, "sure"), (of.true, "true")):
+        if (
+            scene.estimated is not None
+            and scene.half_m is not None
+            and np.isfinite(scene.half_m[k : k + 2]).all()
+        ):
+            parts.append(_quad(scene, to, k))
+        for poses, kind in ((scene.estimated, "sure"), (scene.true, "true")):
             if poses is not None:
                 (x0, y0), (x1, y1) = to(poses[k : k + 2, :2])
                 parts.append(f'<path class="{kind}" d="M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}"/>')
@@ -183,30 +189,30 @@ def _trail(of: Scene, to: _Map, clock: _Clock) -> list[str]:
     return out
 
 
-def _quad(of: Scene, to: _Map, k: int) -> str:
+def _quad(scene: Scene, to: _Map, k: int) -> str:
     """Return the corridor between two instants."""
-    assert of.estimated is not None
-    assert of.half_m is not None
-    eta, half = of.estimated[k : k + 2], of.half_m[k : k + 2, None]
+    assert scene.estimated is not None
+    assert scene.half_m is not None
+    eta, half = scene.estimated[k : k + 2], scene.half_m[k : k + 2, None]
     to_left = half * np.stack([-np.sin(eta[:, 2]), np.cos(eta[:, 2])], axis=1)
     corners = to(np.concatenate([eta[:, :2] + to_left, (eta[:, :2] - to_left)[::-1]]))
     return '<path class="band" d="M' + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + 'z"/>'
 
 
-def _readout(of: Scene, clock: _Clock, y: float) -> list[str]:
+def _readout(scene: Scene, clock: _Clock, y: float) -> list[str]:
     """Return the lap number, the width of the corridor at its end, and the true position error there."""
     out = []
-    for lap in range(1, of.laps + 1):
-        k = round(lap * (len(of.t_s) - 1) / of.laps)
-        begin, end = clock.at(of.t_s[-1] * (lap - 1) / of.laps), clock.at(of.t_s[k])
-        last = lap == of.laps
+    for lap in range(1, scene.laps + 1):
+        k = round(lap * (len(scene.t_s) - 1) / scene.laps)
+        begin, end = clock.at(scene.t_s[-1] * (lap - 1) / scene.laps), clock.at(scene.t_s[k])
+        last = lap == scene.laps
         style = clock.visible(f"n{lap}", begin, clock.whole_s if last else end)
-        lines = [_("lap {lap} of {laps}", lap=lap, laps=of.laps) if of.laps > 1 else _("the drive")]
-        if of.half_m is not None:
-            radius = _("lost") if np.isnan(of.half_m[k]) else f"± {_length(of.half_m[k])}"
+        lines = [_("lap {lap} of {laps}", lap=lap, laps=scene.laps) if scene.laps > 1 else _("the drive")]
+        if scene.half_m is not None:
+            radius = _("lost") if np.isnan(scene.half_m[k]) else f"± {_length(scene.half_m[k])}"
             lines.append(_("known to {width} across, 95 %", width=radius))
-        if of.true is not None and of.estimated is not None:
-            off = float(np.hypot(*(of.true[k] - of.estimated[k])[:2]))
+        if scene.true is not None and scene.estimated is not None:
+            off = float(np.hypot(*(scene.true[k] - scene.estimated[k])[:2]))
             lines.append(_("in truth {distance} off at its end", distance=_length(off)))
         texts = "".join(
             f'<text x="{LEFT + 50}" y="{y + 22 * row:.0f}"{_kind(row)}>{escape(line)}</text>'
@@ -227,12 +233,12 @@ def _length(length_m: float) -> str:
     return f"{number(100.0 * length_m):.2g} cm" if length_m < 0.995 else f"{number(length_m):.2g} m"
 
 
-def _legend(of: Scene, y: float) -> list[str]:
+def _legend(scene: Scene, y: float) -> list[str]:
     """Return a line for each drawn element."""
-    entries = [("route", _("taught path"), of.route is not None),
-             ("band", _("corridor, 95 %"), of.half_m is not None),
-             ("sure", _("estimated path"), of.estimated is not None),
-             ("true", _("true path"), of.true is not None)]  # fmt: skip
+    entries = [("route", _("taught path"), scene.route is not None),
+             ("band", _("corridor, 95 %"), scene.half_m is not None),
+             ("sure", _("estimated path"), scene.estimated is not None),
+             ("true", _("true path"), scene.true is not None)]  # fmt: skip
     out, x = [], LEFT + 50
     for k, (kind, label, _visible) in enumerate([entry for entry in entries if entry[2]]):
         at_x, at_y = x + 160 * (k % 2), y + 24 * (k // 2) + 14

@@ -48,14 +48,14 @@ class Pi:
         """Return a path of the machine."""
         return self.root / path.lstrip("/")
 
-    def note(self, name: str, what: object) -> None:
+    def note(self, name: str, value: object) -> None:
         """Record the former state once; a list is extended by new entries. None deletes the entry."""
-        if what is None:
+        if value is None:
             self.noted.pop(name, None)
-        elif isinstance(what, list):
-            self.noted[name] = list(dict.fromkeys([*self.noted.get(name, []), *what]))
+        elif isinstance(value, list):
+            self.noted[name] = list(dict.fromkeys([*self.noted.get(name, []), *value]))
         else:
-            self.noted.setdefault(name, what)
+            self.noted.setdefault(name, value)
         if not self.noted:
             self.kept.unlink(missing_ok=True)
             self.kept.parent.rmdir()

@@ -72,7 +72,7 @@ class ImuReader:
             raise AnswerNo(fault("calibrate.no-sample", "baqueano robot doctor", within_s=seconds))
         return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
-    def still(self, seconds: float, what: str) -> tuple[np.ndarray, np.ndarray]:
+    def still(self, seconds: float, quantity: str) -> tuple[np.ndarray, np.ndarray]:
         """Wait for rest, and return the means (3,), (3,) over this duration of rest. AnswerNo after a minute."""
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
@@ -81,9 +81,9 @@ class ImuReader:
             accel, gyro = self.samples(seconds)
             if _steady(accel, gyro):
                 return accel.mean(axis=0), gyro.mean(axis=0)
-        raise AnswerNo(fault("calibrate.not-still", what=what, within_s=PATIENCE_S))
+        raise AnswerNo(fault("calibrate.not-still", what=quantity, within_s=PATIENCE_S))
 
-    def changed(self, what: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
+    def changed(self, quantity: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
         """Return the mean force (3,) once the IMU is at rest and `accepts` the force. AnswerNo after a minute."""
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
@@ -91,7 +91,7 @@ class ImuReader:
             at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HELD * STILL_RAD_S
             if at_rest and _steady(accel, gyro, HELD) and accepts(accel.mean(axis=0)):
                 return accel.mean(axis=0)
-        raise AnswerNo(fault("calibrate.not-felt", what=what, within_s=PATIENCE_S))
+        raise AnswerNo(fault("calibrate.not-felt", what=quantity, within_s=PATIENCE_S))
 
 
 def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:

@@ -141,7 +141,7 @@ class _Walk:
         self.repeated: dict[int, McapChannel] = {}  # channels as the summary after the messages repeats them
         self.sign = -1  # position of the next chunk, as far as the search went
         self.lost_to = -1  # end of the last damaged place
-        self.again = 0  # bytes of damaged records that are walked a second time
+        self.walked_twice = 0  # bytes of damaged records that are walked a second time
         self.unpacked = 0  # bytes of all chunks
 
     def run(self) -> None:
@@ -195,9 +195,9 @@ class _Walk:
     def behind(self, at: int, end: int) -> int:
         """Return the position after a damaged record: a chunk inside it, else its end."""
         chunk = self.next_chunk(at + 1)
-        if chunk >= end or self.again + end - at > AGAIN * len(self.data):
+        if chunk >= end or self.walked_twice + end - at > AGAIN * len(self.data):
             return end
-        self.again += end - at
+        self.walked_twice += end - at
         return chunk
 
     def lost(self, at: int, to: int, cause: Diagnostic | str) -> None:

@@ -116,15 +116,15 @@ class Corridors:
         )
 
 
-def squared(one: Instant, quantity: str) -> float:
+def squared(instant: Instant, quantity: str) -> float:
     """Return d² of the position or the heading.  (1)"""
     k = slice(0, 2) if quantity == "position" else slice(2, 3)
-    return float(one.error[k] @ np.linalg.solve(one.cov[k, k], one.error[k]))
+    return float(instant.error[k] @ np.linalg.solve(instant.cov[k, k], instant.error[k]))
 
 
-def has_heading(one: Instant) -> bool:
+def has_heading(instant: Instant) -> bool:
     """Return True if the standard deviation of the heading is at most LOST_RAD."""
-    return bool(one.cov[2, 2] <= LOST_RAD**2)
+    return bool(instant.cov[2, 2] <= LOST_RAD**2)
 
 
 def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:

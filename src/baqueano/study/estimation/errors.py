@@ -57,7 +57,7 @@ class EstimatedPath(NamedTuple):
     speed: np.ndarray  # (N,)
 
 
-def beside(
+def block_errors(
     t_ns: np.ndarray, ours: EstimatedPath, reference: EstimatedPath, truth: TruthLog
 ) -> dict[str, BlockSums]:
     """Return the errors of both at the ticks `t_ns` (N,) against the truth, by quantity."""

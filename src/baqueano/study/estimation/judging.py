@@ -14,7 +14,7 @@ from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import true_speed
-from baqueano.study.estimation.errors import BlockSums, EstimatedPath, beside
+from baqueano.study.estimation.errors import BlockSums, EstimatedPath, block_errors
 from baqueano.study.estimation.references import integrated, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
@@ -51,7 +51,7 @@ def judged(
         assert log is not None
         at = np.searchsorted(log.t_ns, run.t_ns)
         estimate = EstimatedPath(log.eta[at], log.nu[at, 0])
-        errors = beside(run.t_ns, estimate, reference, run.truth)
+        errors = block_errors(run.t_ns, estimate, reference, run.truth)
         speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[at, 3, 3])
         consistency = filter_consistency(replay_run), band(speed[:, None])
         out.append(

@@ -195,8 +195,8 @@ def _subjects(job: EstimationJob) -> list[Subject]:
     return out
 
 
-def _file(of: Driven, seed: int) -> Any:
+def _file(driven: Driven, seed: int) -> Any:
     """Return the subject's file with an odometer; a car with slipping tyres gets its full steering range."""
-    if "odometer" not in of.file.sensors._fields:
-        return parse(of.file.text + ODOMETER, of.file.name)
-    return of.file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else of.file
+    if "odometer" not in driven.file.sensors._fields:
+        return parse(driven.file.text + ODOMETER, driven.file.name)
+    return driven.file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else driven.file

@@ -125,8 +125,8 @@ def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutc
 class _Before:
     """The fit of a run before the damage: one for all damages of a vehicle and seed."""
 
-    def __init__(self, of: FaultSubject, backend: str) -> None:
-        self._of, self._backend = of, backend
+    def __init__(self, subject: FaultSubject, backend: str) -> None:
+        self._of, self._backend = subject, backend
         self._clean_fit: Fit | None = None
 
     def fit(self, run: Run) -> "Fit":
@@ -148,43 +148,43 @@ def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
 
 
-def _inputs(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
+def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
     """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
-    u = of.signal(SECONDS)
-    (sound,) = of.runs([of.vehicle], [u], [u])
-    out, plans, many = [], [], of.signal(SECONDS, "multisine")
+    u = subject.signal(SECONDS)
+    (sound,) = subject.runs([subject.vehicle], [u], [u])
+    out, plans, many = [], [], subject.signal(SECONDS, "multisine")
     for job in jobs:
         rng = np.random.default_rng([job.seed, *job.fault.encode()])
         if job.fault in STRUCTURES:
-            plan = STRUCTURES[job.fault](of, u, sound, rng)
+            plan = STRUCTURES[job.fault](subject, u, sound, rng)
             plans += [] if plan is None else [(job, plan, u)]
         elif job.fault == "sound, multisine":
-            plans.append((job, FaultPlan(of.vehicle, many, of.file), many))
+            plans.append((job, FaultPlan(subject.vehicle, many, subject.file), many))
         elif job.fault in SOUND:
-            out.append((job, _sound(of, job, sound, rng)))
+            out.append((job, _sound(subject, job, sound, rng)))
         else:
-            harmed_run = HARM[job.fault](_copy(sound), of.file, rng)
+            harmed_run = HARM[job.fault](_copy(sound), subject.file, rng)
             clean = sound if job.fault in MENDED else None
             if harmed_run is not None:
-                truth = {k: x for k, x in of.truth.items() if (job.fault, k) not in SUMS}
-                out.append((job, FaultInputs(of.file, harmed_run, of.free, truth, clean)))
-    return out + _planned_inputs(of, plans)
+                truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in SUMS}
+                out.append((job, FaultInputs(subject.file, harmed_run, subject.free, truth, clean)))
+    return out + _planned_inputs(subject, plans)
 
 
-def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> FaultInputs:
-    file, run = of.file, sound
+def _sound(subject: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> FaultInputs:
+    file, run = subject.file, sound
     if job.fault == "sound, 60 s":
-        u = of.signal(2.0 * SECONDS)
-        (run,) = of.runs([of.vehicle], [u], [u])
+        u = subject.signal(2.0 * SECONDS)
+        (run,) = subject.runs([subject.vehicle], [u], [u])
     elif job.fault == "sound, 10 % outliers":
         run = outliers(_copy(sound), file, rng)
     elif job.fault == "sound, other start":
         file = _other_start(file, rng)
-    return FaultInputs(file, run, of.free, of.truth)
+    return FaultInputs(file, run, subject.free, subject.truth)
 
 
 def _planned_inputs(
-    of: FaultSubject, plans: list[tuple[FaultJob, FaultPlan, np.ndarray]]
+    subject: FaultSubject, plans: list[tuple[FaultJob, FaultPlan, np.ndarray]]
 ) -> list[tuple[FaultJob, FaultInputs]]:
     if not plans:
         return []
@@ -192,13 +192,13 @@ def _planned_inputs(
     second = [
         (plan.second or plan.vehicle, plan.effective, u) for _, plan, u in plans if plan.second is not None
     ]
-    runs = of.runs(*zip(*first, *second, strict=True))
+    runs = subject.runs(*zip(*first, *second, strict=True))
     second_runs, out = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):
         second_run = next(second_runs) if plan.second is not None else run
         run = plan.change(run, second_run) if plan.change else run
-        free = tuple(path for path in of.free if path.removeprefix("+") not in plan.without)
-        out.append((job, FaultInputs(plan.file, run, free, of._replace(vehicle=plan.vehicle).truth)))
+        free = tuple(path for path in subject.free if path.removeprefix("+") not in plan.without)
+        out.append((job, FaultInputs(plan.file, run, free, subject._replace(vehicle=plan.vehicle).truth)))
     return out
 
 

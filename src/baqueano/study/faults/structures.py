@@ -30,74 +30,74 @@ class FaultPlan(NamedTuple):
 Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan | None]
 
 
-def _plan(of: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
-    limit = np.asarray(of.file.command.limit)
-    return FaultPlan(of.vehicle, np.clip(effective, -limit, limit), of.file, **more)
+def _plan(subject: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
+    limit = np.asarray(subject.file.command.limit)
+    return FaultPlan(subject.vehicle, np.clip(effective, -limit, limit), subject.file, **more)
 
 
-def _channels(of: FaultSubject, u: np.ndarray) -> np.ndarray:
+def _channels(subject: FaultSubject, u: np.ndarray) -> np.ndarray:
     """Return the duties (N, k) of a two-wheeled vehicle's wheels as fractions of full; else the commands."""
-    limit = np.asarray(of.file.command.limit)
+    limit = np.asarray(subject.file.command.limit)
     part = u / np.where(limit > 0.0, limit, 1.0)
     return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
 
 
-def _command(of: FaultSubject, w: np.ndarray) -> np.ndarray:
-    limit = np.asarray(of.file.command.limit)
+def _command(subject: FaultSubject, w: np.ndarray) -> np.ndarray:
+    limit = np.asarray(subject.file.command.limit)
     if len(limit) == 3:
         w = np.column_stack([0.5 * (w[:, 0] + w[:, 1]), np.zeros(len(w)), 0.5 * (w[:, 1] - w[:, 0])])
     return w * limit
 
 
 def _throttle(
-    of: FaultSubject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **more: Any
+    subject: FaultSubject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **more: Any
 ) -> FaultPlan:
     """Return the plan with `change` applied to the duty of each wheel, or to a car's throttle."""
-    w = _channels(of, u)
-    for k in range(w.shape[1] if isinstance(of.vehicle, Robots) else 1):
+    w = _channels(subject, u)
+    for k in range(w.shape[1] if isinstance(subject.vehicle, Robots) else 1):
         w[:, k] = change(w[:, k])
-    return _plan(of, _command(of, w), **more)
+    return _plan(subject, _command(subject, w), **more)
 
 
-def dead_zone(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def dead_zone(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Remove the dead zone from the model; a car's true dead zone is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
     zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
-    plan = FaultPlan(of.vehicle, u, of.file.with_values(zones))
-    if isinstance(of.vehicle, Cars):
-        zone = of.file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))
-        plan = plan._replace(vehicle=of.vehicle.changed(zone=zone))
+    plan = FaultPlan(subject.vehicle, u, subject.file.with_values(zones))
+    if isinstance(subject.vehicle, Cars):
+        zone = subject.file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))
+        plan = plan._replace(vehicle=subject.vehicle.changed(zone=zone))
     return plan
 
 
-def saturation(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def saturation(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Saturate the force at 40 to 70 % of full, as with slipping wheels."""
     end = rng.uniform(0.4, 0.7)
-    return _throttle(of, u, lambda w: end * np.tanh(w / end))
+    return _throttle(subject, u, lambda w: end * np.tanh(w / end))
 
 
-def lag(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def lag(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Give the motors a time constant of 50 to 300 ms, and the model no lag."""
-    late = of.vehicle.changed(lag_s=rng.uniform(0.05, 0.3, 1))
-    return FaultPlan(late, u, of.file.with_values({LAG: 0.0}), without=(LAG,))
+    late = subject.vehicle.changed(lag_s=rng.uniform(0.05, 0.3, 1))
+    return FaultPlan(late, u, subject.file.with_values({LAG: 0.0}), without=(LAG,))
 
 
-def delay(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def delay(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Delay the commands by 20 to 150 ms, and give the model no delay."""
-    late = of.vehicle.changed(delay_s=rng.uniform(0.02, 0.15, 1))
-    return FaultPlan(late, u, of.file.with_values({DELAY: 0.0}), without=(DELAY,))
+    late = subject.vehicle.changed(delay_s=rng.uniform(0.02, 0.15, 1))
+    return FaultPlan(late, u, subject.file.with_values({DELAY: 0.0}), without=(DELAY,))
 
 
-def fading_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def fading_battery(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the voltage evenly by 15 to 50 % over the run."""
     loss = rng.uniform(0.15, 0.5)
-    return _throttle(of, u, lambda w: w * (1.0 - loss * np.linspace(0.0, 1.0, len(w))))
+    return _throttle(subject, u, lambda w: w * (1.0 - loss * np.linspace(0.0, 1.0, len(w))))
 
 
-def sagging_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def sagging_battery(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the voltage by 20 to 50 % at full command, and in proportion below."""
     loss = rng.uniform(0.2, 0.5)
-    return _throttle(of, u, lambda w: w * (1.0 - loss * np.abs(w)))
+    return _throttle(subject, u, lambda w: w * (1.0 - loss * np.abs(w)))
 
 
 def _velocity(run: Run) -> np.ndarray:
@@ -105,9 +105,9 @@ def _velocity(run: Run) -> np.ndarray:
     return np.zeros((0, 3)) if run.truth is None else run.truth.nu
 
 
-def backlash(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def backlash(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Remove the force for 50 to 200 ms after a change of sign."""
-    ticks = round(rng.uniform(0.05, 0.2) * of.file.rate_hz)
+    ticks = round(rng.uniform(0.05, 0.2) * subject.file.rate_hz)
 
     def loose(w: np.ndarray) -> np.ndarray:
         sign = np.sign(w)
@@ -119,15 +119,15 @@ def backlash(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generat
             since += 1
         return out
 
-    return _throttle(of, u, loose)
+    return _throttle(subject, u, loose)
 
 
-def caster(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
+def caster(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
     """Add a kick about z, decaying in 0.2 to 0.5 s, when the vehicle reverses its direction."""
-    if isinstance(of.vehicle, Cars):
+    if isinstance(subject.vehicle, Cars):
         return None
     nu = _velocity(sound)
-    size, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * of.file.rate_hz
+    size, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * subject.file.rate_hz
     kick, level, before = np.zeros(len(u)), 0.0, 1.0
     for k, v in enumerate(nu[:, 0]):
         if v * before < 0.0:
@@ -135,29 +135,29 @@ def caster(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
         level *= np.exp(-1.0 / tau)
         kick[k] = level
     effective = u.copy()
-    effective[:, 2] += kick * of.file.command.limit[2]
-    return _plan(of, effective)
+    effective[:, 2] += kick * subject.file.command.limit[2]
+    return _plan(subject, effective)
 
 
-def cogging(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def cogging(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Let the force ripple with the distance that the wheel rolls."""
     nu = _velocity(sound)
-    way = np.cumsum(nu[:, 0]) / of.file.rate_hz
+    way = np.cumsum(nu[:, 0]) / subject.file.rate_hz
     ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * way / rng.uniform(0.02, 0.1))
-    return _throttle(of, u, lambda w: w * (1.0 + ripple))
+    return _throttle(subject, u, lambda w: w * (1.0 + ripple))
 
 
-def one_sided(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def one_sided(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the backward force to 50 to 80 % of the forward one."""
     part = rng.uniform(0.5, 0.8)
-    return _throttle(of, u, lambda w: np.where(w < 0.0, part * w, w))
+    return _throttle(subject, u, lambda w: np.where(w < 0.0, part * w, w))
 
 
-def slipping(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def slipping(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the force of a wheel, or of both of a car, to 30 % for 5 s; an odometer reads 1.5 times the speed."""
-    w, k = _channels(of, u), int(rng.integers(0, 2)) if isinstance(of.vehicle, Robots) else 0
+    w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
-    during = slice(start, start + round(SLIP_S * of.file.rate_hz))
+    during = slice(start, start + round(SLIP_S * subject.file.rate_hz))
     w[during, k] *= 0.3
 
     def ahead(run: Run, _: Run) -> Run:
@@ -165,41 +165,47 @@ def slipping(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generat
             run.sensors["odometer"].z[during] *= 1.5
         return run
 
-    return _plan(of, _command(of, w), change=ahead)
+    return _plan(subject, _command(subject, w), change=ahead)
 
 
-def dry_friction(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def dry_friction(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Add dry friction of 5 to 30 % of the full force along x and about z; remove it from the fitted file."""
-    part, q = rng.uniform(0.05, 0.3), of.vehicle
+    part, q = rng.uniform(0.05, 0.3), subject.vehicle
     if isinstance(q, Cars):
-        full = q.stall_n * of.file.command.limit[0]
-        return FaultPlan(q.changed(dry_n=part * full), u, of.file.with_values({"model.coulomb_m_s2": 0.0}))
+        full = q.stall_n * subject.file.command.limit[0]
+        return FaultPlan(
+            q.changed(dry_n=part * full), u, subject.file.with_values({"model.coulomb_m_s2": 0.0})
+        )
     full = 2.0 * q.stall_n[0] * np.array([1.0, 0.0, 0.06])
-    none = of.file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]})
+    none = subject.file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]})
     return FaultPlan(q.changed(dry=part * full[None]), u, none)
 
 
-def centre_of_mass(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
+def centre_of_mass(
+    subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
+) -> FaultPlan | None:
     """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed."""
-    q = of.vehicle
+    q = subject.vehicle
     if isinstance(q, Cars):
         return None
     ahead_m = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
-    return FaultPlan(q.changed(ahead_m=ahead_m), u, of.file, without=("model.centre_of_mass_x_m",))
+    return FaultPlan(q.changed(ahead_m=ahead_m), u, subject.file, without=("model.centre_of_mass_x_m",))
 
 
-def tilted_floor(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
+def tilted_floor(
+    subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
+) -> FaultPlan | None:
     """Tilt the floor by 2 to 6°; None for a car."""
-    q = of.vehicle
+    q = subject.vehicle
     if isinstance(q, Cars):
         return None
     rise, way = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
-    return FaultPlan(q.changed(slope_rad=rise, slope_heading_rad=way), u, of.file)
+    return FaultPlan(q.changed(slope_rad=rise, slope_heading_rad=way), u, subject.file)
 
 
-def second_vehicle(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
+def second_vehicle(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Take the rest of the log, from 25 to 75 % on, from a vehicle with other friction and motors."""
-    factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), of.vehicle
+    factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), subject.vehicle
     drag = {"viscous": q.viscous} if isinstance(q, Robots) else {"rolling": q.rolling}
     changed_vehicle = q.changed(
         stall_n=q.stall_n * (1.0 - 0.5 * factor), **{k: v * (1.0 + factor) for k, v in drag.items()}
@@ -211,7 +217,7 @@ def second_vehicle(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
             channel.z[cut:] = second.sensors[name].z[cut:]
         return run
 
-    return FaultPlan(q, u, of.file, second=changed_vehicle, change=join_logs)
+    return FaultPlan(q, u, subject.file, second=changed_vehicle, change=join_logs)
 
 
 LAG, DELAY = "model.drivetrain.lag_s", "model.drivetrain.delay_s"

@@ -34,7 +34,7 @@ class Drives:
             )
             self._drive.warm()
         elif anew:
-            self._drive.again()
+            self._drive.restart()
         self._number = word["drive"]
         if word["rows"]:
             self._drive.rows(word["names"], word["rows"])

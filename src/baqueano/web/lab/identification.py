@@ -64,9 +64,9 @@ class DriveIdentification:
         self._sizes = {name: int(getattr(file.sensors, name).size) for name in file.sensors._fields}
         self.compiled = self._informant.kernel.backend == "c"
         self._thread = ThreadPoolExecutor(1)
-        self.again()
+        self.restart()
 
-    def again(self) -> None:
+    def restart(self) -> None:
         """Begin with another drive of the same vehicle."""
         self._job: Future[FitOfDrive | Diagnostic] | None = None
         self._next_s = 0.0
@@ -294,12 +294,12 @@ class DriveIdentification:
         return {"motion": advice.words.to_json(), "label": label, "from": advice.before, "to": advice.after}
 
 
-def label_of(one: Free) -> Diagnostic:
+def label_of(parameter: Free) -> Diagnostic:
     """Return the name of a parameter for people."""
-    if one.label:
-        return note("known.label", meaning=one.label, entry="")
-    entry = f" [{', '.join(map(str, one.entry))}]" if one.entry else ""
-    return note("known.label", meaning=one.of.meaning, entry=entry)
+    if parameter.label:
+        return note("known.label", meaning=parameter.label, entry="")
+    entry = f" [{', '.join(map(str, parameter.entry))}]" if parameter.entry else ""
+    return note("known.label", meaning=parameter.of.meaning, entry=entry)
 
 
 def _round(sd: np.ndarray) -> list[float]:

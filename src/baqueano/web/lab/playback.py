@@ -50,9 +50,9 @@ class RunPlayer:
         self._scene: JsonObject = {"screen": "drive"}  # that browsers show which have not chosen one
         self._patience_s = 0.0  # until when a browser is waited for; 0 before the first run
 
-    def put(self, what: "Path | Diagnostic | JsonObject | None") -> None:
+    def put(self, item: "Path | Diagnostic | JsonObject | None") -> None:
         """Queue a run to play, tuned gains to show, or a diagnostic to send; None ends the playback."""
-        self._waiting.put_nowait(what)
+        self._waiting.put_nowait(item)
 
     def say(self, do: str, **words: object) -> None:
         """Carry out a message as a service does. Raise UsageError for one that a recorded drive cannot follow."""

@@ -25,8 +25,8 @@ class Shelf:
     A separate worker reads the list and writes the reports, so that a run can be opened at the same time.
     """
 
-    def __init__(self, folder: Path, beside: tuple[Path, ...] = ()) -> None:
-        self.folder, self._extra_runs = folder, beside
+    def __init__(self, folder: Path, extra: tuple[Path, ...] = ()) -> None:
+        self.folder, self._extra_runs = folder, extra
         self._key = secrets.token_bytes(32)
         self._lines: dict[str, JsonObject] = {}  # what is known of a run, by word
         self._press, self._pages = Lab(), TemporaryDirectory(prefix="baqueano-page-")

@@ -85,15 +85,15 @@ class Shaking:
             raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known="all"))
         return one
 
-    def first(self, one: Fault) -> int:
+    def first(self, fault: Fault) -> int:
         """Return the number of the first tick that the fault affects."""
-        return round(one.at_s * self._rate_hz)
+        return round(fault.at_s * self._rate_hz)
 
-    def last(self, one: Fault) -> float:
+    def last(self, fault: Fault) -> float:
         """Return the number of the first tick after the fault."""
-        if one.until_s == float("inf"):
+        if fault.until_s == float("inf"):
             return float("inf")
-        return max(self.first(one) + 1, round(one.until_s * self._rate_hz))
+        return max(self.first(fault) + 1, round(fault.until_s * self._rate_hz))
 
     def inputs(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
         """Return the inputs of tick k, and True if the command of the previous tick arrives."""
