@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks, World
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, ByName, Command, Motion, Slot, Tick, sensor_slots
 from baqueano.symbolic import function, put
 from baqueano.vehicles.rk4 import rows_in
@@ -102,8 +102,9 @@ def in_rows(
 def _last(before: Slot, now: Slot, row_s: float) -> Slot:
     """Return the reading of this row, or that of the rows before, which is older by a row."""
     came = now.has > 0.0
-    has, z = np.where(came, now.has, before.has), np.where(came, now.z, before.z)
-    return Slot(has, z, np.where(came, now.age_s, before.age_s + row_s))
+    has: Value = np.where(came, now.has, before.has)
+    age_s: Value = np.where(came, now.age_s, before.age_s + row_s)
+    return Slot(has, np.where(came, now.z, before.z), age_s)
 
 
 def rows_of_tick(dt_s: float) -> int:
