@@ -89,19 +89,19 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
             channels[name] = channel._replace(z=channel.z + hit * sd)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(module, "fit_by_simulation", lambda task: task)
-            end = identify(replace(drive.run, sensors=channels), drive.file)
-        info = information(end.task.problem, end.search.solution.theta)
-        identifiable = np.flatnonzero(end.identifiability.mask)
+            search = identify(replace(drive.run, sensors=channels), drive.file)
+        info = information(search.task.problem, search.search.solution.theta)
+        identifiable = np.flatnonzero(search.identifiability.mask)
         white = np.sqrt(np.diagonal(covariance_of(info, identifiable)))[
-            identifiable < end.task.problem.layout.shared
+            identifiable < search.task.problem.layout.shared
         ]
-        fit = fit_of(end)
+        fit = fit_of(search)
         finite = np.isfinite(fit.estimate)
         truth = np.array([drive.true.get(name, np.nan) for name in fit.names])[finite]
-        known = np.isfinite(truth) & (fit.bound[finite] == 0)
-        off = np.abs(fit.estimate[finite] - truth)[known]
-        inside += (off < 1.96 * fit.sd[finite][known]).tolist()
-        before += (off < 1.96 * white[known]).tolist()
+        inner = np.isfinite(truth) & (fit.bound[finite] == 0)
+        off = np.abs(fit.estimate[finite] - truth)[inner]
+        inside += (off < 1.96 * fit.sd[finite][inner]).tolist()
+        before += (off < 1.96 * white[inner]).tolist()
     assert 0.88 < np.mean(inside) <= 1.0
     assert np.mean(before) < np.mean(inside) - 0.04
 

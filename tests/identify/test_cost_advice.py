@@ -42,14 +42,14 @@ def advised(fits, drives, cost, other):
     """The first note of the fit by `cost`, if that by the other one is `other`."""
     held_out = [drives[1].run]
     fit = fits[cost]
-    asked = []
+    costs = []
 
     def refit(cost):
-        asked.append(cost)
+        costs.append(cost)
         return other
 
     advice = with_cost_advice(fit, held_out, validate(fit, held_out), refit).notes[0]
-    assert asked == ["innovations" if cost == "simulation" else "simulation"]
+    assert costs == ["innovations" if cost == "simulation" else "simulation"]
     return advice
 
 

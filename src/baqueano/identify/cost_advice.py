@@ -2,9 +2,9 @@
 
     D = Σ_c (ẽ_c² − ê_c²)/n_c² / Σ_c ê_c²/n_c²                                                            (1)
 
-c is a channel of a held-out run, ê its error in open loop by the fit of the simulation error, ẽ that by the fit of the
-innovations, n what noise explains of ê (validation.py). D below 0 advises the innovations. Without held-out runs, and
-where these have too few pieces of motion, segments of the runs of the fit decide (result/objective_choice.py).
+c is a channel of a held-out run. ê is its error in open loop by the fit of the simulation error, ẽ that by the fit of
+the innovations. n is what noise explains of ê (validation.py). D below 0 advises the innovations. Without held-out
+runs, and where these have too few pieces of motion, segments of the runs of the fit decide: objective_choice.py.
 """
 
 from collections.abc import Callable, Sequence
