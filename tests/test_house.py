@@ -348,3 +348,29 @@ def test_no_study_makes_its_data_by_the_step_that_is_fitted():
         if path.relative_to(SOURCE / "study").parts[0] not in SIMULATED:
             assert modules <= HARMLESS, f"{path.relative_to(ROOT)} imports {modules - HARMLESS}"
             assert worlds, f"{path.relative_to(ROOT)}: a drive without a world is simulated by our step"
+
+
+FITTED_STEP = {"simulate", "simulate_loop", "simulate_many", "experiment", "case_run"}
+
+
+def test_no_coverage_is_judged_on_the_step_that_is_fitted():
+    """A mean or a sum over intervals of 95 % that hold the truth is taken of data from study/truth."""
+    for path in (*(ROOT / "tests").rglob("*.py"), *(ROOT / "benchmarks").glob("*.py")):
+        functions = {node.name: node for node in nodes_of(path) if isinstance(node, FUNCTIONS)}
+        for name, node in functions.items():
+            compared = [ast.unparse(part) for part in ast.walk(node) if isinstance(part, ast.Compare)]
+            if any("1.96" in part for part in compared) and re.search(r"(mean|sum)\(", ast.unparse(node)):
+                mirrors = names_behind(name, functions) & FITTED_STEP
+                assert not mirrors, f"{path.relative_to(ROOT)}: {name} judges coverage on data of {mirrors}"
+
+
+def names_behind(name: str, functions: dict[str, ast.FunctionDef | ast.AsyncFunctionDef]) -> set[str]:
+    """Return the names that a function uses, its fixtures too, and those of what it uses in its module."""
+    names, waiting = set(), [name]
+    while waiting:
+        parts = list(ast.walk(functions[waiting.pop()]))
+        used = {part.id for part in parts if isinstance(part, ast.Name)}
+        used |= {part.arg for part in parts if isinstance(part, ast.arg)}
+        waiting += [one for one in used - names if one in functions]
+        names |= used
+    return names
