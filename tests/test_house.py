@@ -349,3 +349,29 @@ def test_no_study_simulates_data_with_the_fitted_model_step():
         if path.relative_to(SOURCE / "study").parts[0] not in SIMULATED:
             assert modules <= HARMLESS, f"{path.relative_to(ROOT)} imports {modules - HARMLESS}"
             assert worlds, f"{path.relative_to(ROOT)}: a drive without a world is simulated by our step"
+
+
+FITTED_STEP = {"simulate", "simulate_loop", "simulate_many", "experiment", "case_run"}
+
+
+def test_no_test_judges_coverage_on_data_of_the_fitted_step():
+    """Tests and benchmarks count the 95 % intervals that contain the truth only on data from study/truth."""
+    for path in (*(ROOT / "tests").rglob("*.py"), *(ROOT / "benchmarks").glob("*.py")):
+        functions = {node.name: node for node in nodes_of(path) if isinstance(node, FUNCTIONS)}
+        for name, node in functions.items():
+            compared = [ast.unparse(part) for part in ast.walk(node) if isinstance(part, ast.Compare)]
+            if any("1.96" in part for part in compared) and re.search(r"(mean|sum)\(", ast.unparse(node)):
+                mirrors = names_behind(name, functions) & FITTED_STEP
+                assert not mirrors, f"{path.relative_to(ROOT)}: {name} judges coverage on data of {mirrors}"
+
+
+def names_behind(name: str, functions: dict[str, ast.FunctionDef | ast.AsyncFunctionDef]) -> set[str]:
+    """Return the names that a function and its fixtures use, and those that functions of its module use for it."""
+    names, waiting = set(), [name]
+    while waiting:
+        parts = list(ast.walk(functions[waiting.pop()]))
+        used = {part.id for part in parts if isinstance(part, ast.Name)}
+        used |= {part.arg for part in parts if isinstance(part, ast.arg)}
+        waiting += [one for one in used - names if one in functions]
+        names |= used
+    return names

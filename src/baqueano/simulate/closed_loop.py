@@ -27,11 +27,12 @@ from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
-from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, quiet, varied
+from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, varied
 from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import chosen
 from baqueano.symbolic.scan import Scan
+from baqueano.worlds.simulated import no_noise, rows_of_tick, with_rows
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -135,7 +136,9 @@ def simulate_loops(
     start = begin(system, eta0)
     kernel = closed_loop(system, rate, noise=noise, backend=backend)
     for seed in seeds:
-        inputs = Input(t_ns, draw(system.sensors, seed, len(t_ns)) if noise else None)
+        inputs = Input(
+            t_ns, draw(system.sensors, seed, len(t_ns), rows_of_tick(1.0 / rate)) if noise else None
+        )
         last, outputs = kernel.run(inputs, carry=start)
         about = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
         run = as_run(name, t_ns, outputs, about)
@@ -155,7 +158,8 @@ def closed(
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
     controller = vehicle_file.controller() if controller is None else controller
-    return System(vehicle_file.vehicle, sensors, estimator, guide, controller, vehicle_file.supervisor())
+    vehicle, sensors = with_rows(vehicle_file.vehicle, sensors, vehicle_file.rate_hz)
+    return System(vehicle, sensors, estimator, guide, controller, vehicle_file.supervisor())
 
 
 @lru_cache(maxsize=32)
@@ -176,7 +180,7 @@ def closed_loop(
     if chosen(backend) != "numpy":
         compilable(**system.blocks._asdict())
     dt_s = 1.0 / rate_hz
-    example = Input(1, quiet(system.sensors) if noise else None)
+    example = Input(1, no_noise(system.sensors, rows_of_tick(dt_s)) if noise else None)
 
     def step_of(system: System, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
         state, record = advance(system, dt_s, state, x)

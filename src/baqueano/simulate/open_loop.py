@@ -4,8 +4,7 @@
 
 Tick k ends at (k + 1) δ and is driven by u_k. With the same seed, tick k has the noise of tick k of the simulated
 world. Adding a sensor does not change the others, as each name has its stream (worlds/noise.py). A kernel is built once
-for a vehicle and a rate, and cached. A tick that is too long for the integrator (vehicles/rk4.py) is divided into rows,
-as in a fit, each with separate noise; the last measurement of a sensor in it counts.
+for a vehicle and a rate, and cached.
 """
 
 from dataclasses import replace
@@ -22,15 +21,13 @@ from baqueano.messages import in_english
 from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
-from baqueano.simulate.system import System, quiet
+from baqueano.simulate.system import System
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
-from baqueano.vehicle_file.text.edit import override
-from baqueano.vehicles.rk4 import rows_in
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
-from baqueano.worlds.noise import PROCESS, unit_normals
-from baqueano.worlds.simulated import DrawnNoise, WorldState
+from baqueano.worlds.noise import PROCESS, sensor_stream, unit_normals
+from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick, with_rows
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -107,16 +104,9 @@ def simulate(
     (100, 3) 0.13 m/s
     """
     rate = vehicle_file.rate_hz if rate_hz is None else rate_hz
-    if (rows := int(rows_in(np.array(1.0 / rate)))) > 1:
-        u = np.repeat(command_signal(vehicle_file, u), rows, axis=0)
-        fine = override(
-            vehicle_file, [f"rate_hz={rows * rate!r}"]
-        )  # its delays hold as many commands as rows
-        run = simulate(fine, u, seed, eta0=eta0, nu0=nu0, noise=noise, name=name, backend=backend)
-        return _ticks_of(vehicle_file, run, rows, rate)
-    system = System(vehicle_file.vehicle, vehicle_file.sensors)
+    system = System(*with_rows(vehicle_file.vehicle, vehicle_file.sensors, rate))
     u = command_signal(vehicle_file, u)
-    draws = draw(system.sensors, seed, len(u)) if noise else None
+    draws = draw(system.sensors, seed, len(u), rows_of_tick(1.0 / rate)) if noise else None
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)
     world = world_init(system.model, system.sensors)
     start = system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0"))
@@ -138,26 +128,6 @@ def simulate(
     return replace(run, events=beyond(vehicle_file, run))
 
 
-def _ticks_of(vehicle_file: "VehicleFile", run: Run, rows: int, rate_hz: float) -> Run:
-    """Return a run with `rows` rows per tick as a run with one row per tick."""
-    assert run.truth is not None
-    end = slice(rows - 1, None, rows)
-    t_ns = times(len(run.t_ns) // rows, rate_hz)
-    sensors = {}
-    for name, c in run.sensors.items():
-        tick = np.searchsorted(run.t_ns, c.arrival_ns) // rows
-        last = np.flatnonzero(np.diff(tick, append=len(t_ns)))
-        tick = tick[last]
-        age_ns = run.t_ns[end][tick] - c.t_ns[last]
-        sensors[name] = Channel(t_ns[tick] - age_ns, t_ns[tick], c.z[last])
-    truth = TruthLog(t_ns, run.truth.eta[end], run.truth.nu[end], run.truth.nu_dot[end])
-    run = replace(
-        run, t_ns=t_ns, applied=run.applied[end], sensors=sensors, truth=truth, vehicle_text=vehicle_file.text,
-        metadata=run.metadata | {"rate_hz": f"{rate_hz:g}"},
-    )  # fmt: skip
-    return replace(run, events=beyond(vehicle_file, run))
-
-
 def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     """Return an event for each command and measurement outside the envelope of the file's fit."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
@@ -170,23 +140,30 @@ def open_loop(
 ) -> Scan:
     """Return the compiled open loop (1): a `scan` over OpenLoopInput, WorldState → Readings."""
     dt_s = 1.0 / rate_hz
+    silence = no_noise(sensors, rows_of_tick(dt_s))
 
     def step(state: WorldState, x: OpenLoopInput) -> tuple[WorldState, Readings]:
-        unit = quiet(sensors) if x.noise is None else x.noise
+        unit = silence if x.noise is None else x.noise
         state, truth, slots = world_step(model, sensors, state, x.u, dt_s, unit)
         return state, Readings(truth, slots)
 
-    example = OpenLoopInput(np.zeros(model.commands), quiet(sensors) if noise else None)
+    example = OpenLoopInput(np.zeros(model.commands), silence if noise else None)
     return scan(step, world_init(model, sensors), example, backend=backend)
 
 
-def draw(sensors: SensorBlocks, seed: int, ticks: int) -> DrawnNoise:
-    """Return unit normals for `ticks` ticks, leading axis (ticks,): a stream for the vehicle, one per sensor."""
+def draw(sensors: SensorBlocks, seed: int, ticks: int, rows: int = 1) -> DrawnNoise:
+    """Return unit normals for `ticks` ticks of `rows` rows, leading axis (ticks,) or (ticks, rows).
+
+    The vehicle has a stream, and each sensor has one.
+    """
+    lead = (ticks,) if rows == 1 else (ticks, rows)
+
+    def drawn(name: str, size: int) -> np.ndarray:
+        return unit_normals(seed, name, ticks * rows, size).reshape((*lead, size))
+
     sensors_by_name = zip(sensors._fields, sensors, strict=True)
-    each = tuple(
-        unit_normals(seed, f"sensor.{name}", ticks, sensor.noise_size) for name, sensor in sensors_by_name
-    )
-    return DrawnNoise(unit_normals(seed, PROCESS, ticks, 3), each)
+    each = tuple(drawn(sensor_stream(name), sensor.noise_size) for name, sensor in sensors_by_name)
+    return DrawnNoise(drawn(PROCESS, 3), each)
 
 
 def times(ticks: int, rate_hz: float) -> np.ndarray:

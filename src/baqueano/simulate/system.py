@@ -20,7 +20,7 @@ from baqueano.signals import Motion, Tick
 from baqueano.symbolic import get, put
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
-from baqueano.worlds.simulated import DrawnNoise, WorldState
+from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick
 
 
 class System(NamedTuple):
@@ -61,11 +61,6 @@ class LoopOutput(NamedTuple):
     truth: Motion
 
 
-def quiet(sensors: SensorBlocks) -> DrawnNoise:
-    """Return zeros in place of unit normals, as constants, so that tracing removes the noise."""
-    return DrawnNoise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
-
-
 def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
     """Return the state at rest at the pose `eta0` (3,), which is also the start of the estimator."""
     world = world_init(system.model, system.sensors, eta0)
@@ -74,7 +69,7 @@ def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
 
 def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
     """Advance the world by a tick under the command in force, then the loop; this is a pure function."""
-    noise = quiet(system.sensors) if x.noise is None else x.noise
+    noise = no_noise(system.sensors, rows_of_tick(dt_s)) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
     return SystemState(world, states, record.command.u), LoopOutput(record, truth)

@@ -34,6 +34,7 @@ from baqueano.symbolic import Scan, put
 from baqueano.tune.cost import Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
 from baqueano.worlds.noise import stream
+from baqueano.worlds.simulated import rows_of_tick
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -294,7 +295,7 @@ def _with_room(system: System, paths: tuple[str, ...], vehicles: np.ndarray, rat
     if DELAY not in paths:
         return system
     longest = float(np.max(vehicles[:, paths.index(DELAY)])) + DELAY_S  # the judging vehicles are drawn later
-    slots = ceil(longest * rate_hz)
+    slots = rows_of_tick(1.0 / rate_hz) * ceil(longest * rate_hz)
     return put(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 
 

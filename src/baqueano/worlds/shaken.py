@@ -28,7 +28,7 @@ from baqueano.symbolic import function, put
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds.faults.disturbance import Disturbance, SensorDisturbance, Shaking
 from baqueano.worlds.faults.fault import SOURCE, Fault, FaultLike
-from baqueano.worlds.simulated import DrawnNoise, SimulatedWorld, WorldState, no_noise
+from baqueano.worlds.simulated import DrawnNoise, SimulatedWorld, WorldState, in_rows, no_noise, with_rows
 
 MOST_FAULTS = 500  # of one drive
 
@@ -116,7 +116,10 @@ class _Shaken(NamedTuple):
     def step(
         self, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise, shake: Disturbance
     ) -> tuple[WorldState, Motion, Tree]:
-        return shaken_step(self.vehicle, self.sensors, state, u, dt_s, noise, shake)
+        return in_rows(
+            lambda state, row_s, unit: shaken_step(self.vehicle, self.sensors, state, u, row_s, unit, shake),
+            state, dt_s, noise,
+        )  # fmt: skip
 
 
 class ShakenWorld(SimulatedWorld):
@@ -169,10 +172,11 @@ class ShakenWorld(SimulatedWorld):
         self._pending: list[tuple[int, Diagnostic | str]] = []
         self._started_numbers, self._over = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
+        vehicle, sensors = with_rows(vehicle, sensors, rate_hz)
         self._requested = self._u
         block = _Shaken(_with_gains(vehicle), sensors).step
         calm = self._shaking.calm.disturbance()
-        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors), calm)
+        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors, self._rows), calm)
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
     def shake(self, one: FaultLike) -> Fault:

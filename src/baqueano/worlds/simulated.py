@@ -3,18 +3,23 @@
   state, truth, slots = world_step(vehicle, sensors, state, u, dt_s, noise)                              (1)
 
 The same step runs in a kernel (simulate/) and here tick by tick, with the same noise: tick k of a simulated world and
-tick k of a simulated run with the same seed and commands have the same numbers.
+tick k of a simulated run with the same seed and commands have the same numbers. A tick that is too long for the
+integrator (vehicles/rk4.py) is divided into rows, as in a fit, each with separate noise. The last measurement of a
+sensor in a tick counts.
 """
 
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks, World
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, ByName, Command, Motion, Slot, Tick, sensor_slots
-from baqueano.symbolic import function
+from baqueano.symbolic import function, put
+from baqueano.vehicles.rk4 import rows_in
 from baqueano.vehicles.state import Vehicle, VehicleState
 from baqueano.worlds.noise import PROCESS, sensor_stream, stream
 
@@ -30,10 +35,14 @@ class WorldState(NamedTuple):
 
 
 class DrawnNoise(NamedTuple):
-    """Unit normals for one tick."""
+    """Unit normals for one tick; if the tick is divided, the first axis of each array is the row."""
 
     vehicle: np.ndarray  # (3,)
     sensors: tuple[np.ndarray, ...]  # (noise_size,) per sensor
+
+    def row(self, k: int) -> "DrawnNoise":
+        """Return the unit normals of row `k` of the tick."""
+        return DrawnNoise(self.vehicle[k], tuple(draw[k] for draw in self.sensors))
 
 
 def world_init(vehicle: Vehicle, sensors: SensorBlocks, eta0: np.ndarray | None = None) -> WorldState:
@@ -50,6 +59,20 @@ def world_step(
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """Advance by a tick under the command `u` (n,); return state, truth, and the readings at its end.  (1)"""
+    return in_rows(
+        lambda state, row_s, unit: _advance_row(vehicle, sensors, state, u, row_s, unit), state, dt_s, noise
+    )
+
+
+def _advance_row(
+    vehicle: Vehicle,
+    sensors: SensorBlocks,
+    state: WorldState,
+    u: np.ndarray,
+    dt_s: float,
+    noise: DrawnNoise,
+) -> tuple[WorldState, Motion, ByName[Slot]]:
+    """Advance by an undivided tick, or by one row of a divided tick, of duration `dt_s`."""
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     readings = [
         s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)
@@ -58,9 +81,55 @@ def world_step(
     return WorldState(body, tuple(x for x, _ in readings)), motion._replace(tick=None), slots
 
 
-def no_noise(sensors: SensorBlocks) -> DrawnNoise:
-    """Return zeros in place of unit normals."""
-    return DrawnNoise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
+Advance = Callable[[WorldState, float, DrawnNoise], tuple[WorldState, Motion, ByName[Slot]]]
+
+
+def in_rows(
+    advance: Advance, state: WorldState, dt_s: float, noise: DrawnNoise
+) -> tuple[WorldState, Motion, Tree]:
+    """Advance by a tick, row by row of `noise`; return state, truth, and the last reading of each sensor."""
+    if noise.vehicle.ndim == 1:
+        return advance(state, dt_s, noise)
+    rows = noise.vehicle.shape[0]
+    row_s = dt_s / rows
+    state, truth, slots = advance(state, row_s, noise.row(0))
+    for k in range(1, rows):
+        state, truth, newer = advance(state, row_s, noise.row(k))
+        slots = type(newer)(*(_last(a, b, row_s) for a, b in zip(slots, newer, strict=True)))
+    return state, truth, slots
+
+
+def _last(before: Slot, now: Slot, row_s: float) -> Slot:
+    """Return the reading of this row, or else that of the previous rows, which has aged by a row."""
+    came = now.has > 0.0
+    has: Value = np.where(came, now.has, before.has)
+    age_s: Value = np.where(came, now.age_s, before.age_s + row_s)
+    return Slot(has, np.where(came, now.z, before.z), age_s)
+
+
+def rows_of_tick(dt_s: float) -> int:
+    """Return the number of rows in a tick of `dt_s` [s]."""
+    return int(rows_in(np.array(dt_s)))
+
+
+def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[Vehicle, SensorBlocks]:
+    """Return the blocks with delay slots for rows: each slot of a tick becomes one slot per row."""
+    rows = rows_of_tick(1.0 / rate_hz)
+    if rows == 1:
+        return vehicle, sensors
+    paths = ["vehicle", "vehicle.drivetrain", *(f"sensors.{name}" for name in sensors._fields)]
+    tree = {"vehicle": vehicle, "sensors": sensors}
+    drivetrain = vehicle.drivetrain if optional.has_field(vehicle, "drivetrain") else None
+    for path, block in zip(paths, (vehicle, drivetrain, *sensors), strict=True):
+        if slots := optional.of(block, "delay_slots"):
+            tree = put(tree, f"{path}.delay_slots", rows * slots)
+    return tree["vehicle"], tree["sensors"]
+
+
+def no_noise(sensors: SensorBlocks, rows: int = 1) -> DrawnNoise:
+    """Return zeros in place of unit normals, as constants, so that tracing removes the noise."""
+    lead = () if rows == 1 else (rows,)
+    return DrawnNoise(np.zeros((*lead, 3)), tuple(np.zeros((*lead, s.noise_size)) for s in sensors))
 
 
 class _VehicleWithSensors(NamedTuple):
@@ -116,12 +185,13 @@ class SimulatedWorld(World):
         backend: str = "auto",
     ) -> None:
         self.commands: int = vehicle.commands
+        vehicle, sensors = with_rows(vehicle, sensors, rate_hz)
         start = vehicle.init(eta0)
         self.truth = Motion(
             start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2])
         )  # at the last tick
         self._truths: deque[tuple[int, Motion]] = deque(maxlen=UNASKED)
-        self._rate_hz = rate_hz
+        self._rate_hz, self._rows = rate_hz, rows_of_tick(1.0 / rate_hz)
         self._state = world_init(vehicle, sensors, eta0)
         self._u = np.zeros(vehicle.commands)
         self._tick = 0
@@ -133,7 +203,7 @@ class SimulatedWorld(World):
         self._draws: list[np.ndarray] = []
 
         step = _VehicleWithSensors(vehicle, sensors).step
-        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors))
+        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors, self._rows))
         self._step = step if backend == "numpy" else function(step, *example, backend=backend)
 
     def read(self, t_ns: int) -> list[Tick]:
@@ -164,6 +234,7 @@ class SimulatedWorld(World):
     def _noise(self) -> DrawnNoise:
         row = self._tick % BATCH
         if row == 0:
+            lead = (BATCH,) if self._rows == 1 else (BATCH, self._rows)
             pairs = zip(self._streams, self._sizes, strict=True)
-            self._draws = [generator.standard_normal((BATCH, size)) for generator, size in pairs]
-        return DrawnNoise(self._draws[0][row], tuple(draw[row] for draw in self._draws[1:]))
+            self._draws = [generator.standard_normal((*lead, size)) for generator, size in pairs]
+        return DrawnNoise(self._draws[0], tuple(self._draws[1:])).row(row)

@@ -147,6 +147,12 @@ def command(
         )
     fit = result.fit if choose else result
     validation = _validation(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
+    if validation is not None and not choose:
+        from baqueano.identify.cost_advice import by_other_cost, with_cost_advice
+
+        with busy(note("cli.judging", runs=len(validation_runs))):
+            refit = by_other_cost(fit_runs, file, **settings_of_fit)
+            fit = result = with_cost_advice(fit, validation_runs, validation, refit)
     ahead = _forecast(fit, fit_runs, lap, how["route"])
     if as_json or page is None:
         answer(
@@ -305,13 +311,7 @@ def _selection(
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
     if imu_is_all(file, runs, arguments["use"], arguments["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
-    return choose(
-        runs,
-        file,
-        say=say,
-        held_out=validation_runs,
-        **arguments,
-    )
+    return choose(runs, file, say=say, held_out=validation_runs, **arguments)
 
 
 def _plain_options(arguments: "JsonObject") -> list[str]:

@@ -159,6 +159,14 @@ TEMPLATES: dict[str, str] = {
     "cost.larger": (
         "on held-out segments the open-loop error of the innovations fit is {percent:.2g} % larger"
     ),
+    "cost.held-out-smaller": (
+        "use the innovations. On the held-out runs the open-loop error of the innovations fit is {percent:.2g} % "
+        "smaller"
+    ),
+    "cost.held-out-larger": (
+        "use the simulation error. On the held-out runs the open-loop error of the innovations fit is {percent:.2g} % "
+        "larger"
+    ),
     "cost.try-innovations": "{cause}. Type: {fix}",
     "validation.carries-over": "the model carries over {basis}",
     "validation.checked": "checked over {basis}",

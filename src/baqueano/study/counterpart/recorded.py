@@ -24,9 +24,11 @@ class GroupDrive(NamedTuple):
     wandered: np.ndarray  # (n, 3) drift of the biases, mean of all ticks
 
 
-def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray) -> GroupDrive:
+def driven(
+    vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray, step_s: float = STEP_S
+) -> GroupDrive:
     """Return the drives of the vehicles under the commands u (N, n, m), each in force until its tick."""
-    world, n = world_of(vehicles, seeds, STEP_S), len(seeds)
+    world, n = world_of(vehicles, seeds, step_s), len(seeds)
     z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
     drift, wheel_travel = np.zeros((n, 3)), np.zeros((len(u), n))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
