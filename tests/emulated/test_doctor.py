@@ -109,7 +109,7 @@ def test_a_line_that_loses_frames_is_reported(robot):
 def looked_at(robot, seconds=2.0):
     """The checks of the doctor on the Uno after this many seconds of commands."""
     before = copy(robot.uno.statistics)
-    uno_checks.commanded(robot.uno, seconds, robot.wait)
+    uno_checks.send_commands(robot.uno, seconds, robot.wait)
     return by_name(uno_checks.answers(robot.uno, 0.0, before, robot.wait))
 
 
@@ -136,7 +136,7 @@ def test_frames_damaged_on_the_way_to_the_uno_are_reported(robot):
 def test_damaged_frames_are_counted_beyond_one_byte(robot):
     write_line = robot.write
     robot.write = lambda data: write_line(data[:5] + bytes([data[5] ^ 1]) + data[6:])
-    uno_checks.commanded(robot.uno, 4.0, robot.wait)
+    uno_checks.send_commands(robot.uno, 4.0, robot.wait)
     robot.write = write_line
     robot.wait(0.1)
     assert robot.uno.statistics.spoilt == robot.board.info().bad_crc > 400
