@@ -328,6 +328,9 @@ HARMLESS = {
     "first_drive",
     "compilable",
     "repeat",
+    "closure",
+    "MARK_SOURCE",
+    "RoomWatch",
 }
 
 
