@@ -9,7 +9,7 @@ from baqueano.study.corridor.vehicles import vehicles
 from baqueano.study.driving import SHAPES, guess
 from baqueano.study.laps import all_cases, laps_over_fixes, team
 from baqueano.study.laps.drives import STEP_S, Laps
-from baqueano.study.laps.fixes import FIXES, with_fix
+from baqueano.study.laps.fixes import FIXES, THREE, places, with_fix
 from baqueano.study.laps.result import LapCase, LapStudy, Whole, laps_of
 from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, TruthWorld, draw_robots
 from baqueano.symbolic import function
@@ -89,6 +89,15 @@ def test_the_file_of_a_fix_declares_the_sensors_that_the_truth_reads(fix, shape)
     )
     readings = np.array([reader.read(0.01 * k, eta[None])[0] for k, eta in enumerate(poses)])
     assert np.sum(np.isfinite(readings), axis=0).tolist() == FIXED[fix]  # once a lap each
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_three_lines_determine_the_pose_on_every_route(shape):
+    route = SHAPES[shape](0.3)
+    middle = 0.5 * (route.eta[:, :2].min(axis=0) + route.eta[:, :2].max(axis=0))
+    x, y, psi = (places(route, THREE) - np.append(middle, 0.0)).T
+    H = np.column_stack([np.cos(psi), np.sin(psi), x * np.sin(psi) - y * np.cos(psi)])
+    assert np.linalg.svd(H, compute_uv=False)[-1] > 0.7
 
 
 FIXED = {"none": [], "tags": [2, 2], "lines": [1, 1, 1], "gate": [1, 1, 1]}

@@ -1,11 +1,14 @@
 """Sensors that show a vehicle on its lap where it is: none, tags at two places, three lines, or a gate of the pose.
 
     tags    a quarter and three quarters of a lap from the start: x and y of each passing
-    lines   across the path at three places: how far beyond it is                                          (1)
+    lines   straight across the path at three places: how far beyond it is
     gate    a quarter of a lap from the start: x, y and heading, by a camera over a marker
 
-Each line stands straight across, and none near the crossing of the eight. A gate that is taken for another may stand
-anywhere on the route, and nothing tells the filter so.
+Three lines with normals nᵢ at places pᵢ from the middle of the route determine the pose by
+
+    H = [nᵢᵀ, pᵢ × nᵢ],   at these places its least singular value is at least 0.7 on each route           (1)
+
+A gate that is taken for another may stand anywhere on the route, and nothing tells the filter so.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +21,7 @@ from baqueano.language import marked as N_
 from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, Reader
 from baqueano.vehicle_file import VehicleFile, parse
 
-TWO, THREE, ONE = (0.25, 0.75), (0.15, 0.4, 0.75), (0.25,)  # of a lap
+TWO, THREE, ONE = (0.25, 0.75), (0.2, 0.4, 0.7), (0.25,)  # of a lap
 RADIUS_M, NOISE_M, NOISE_RAD = 0.15, 0.01, 0.02
 ELSEWHERE = 40  # places on the route
 
