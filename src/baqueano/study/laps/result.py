@@ -145,7 +145,7 @@ class LapStudy:
     def table(self) -> str:
         """Return the rows for people."""
         head = (
-            f"{_('route'):11}{_('fix'):13}{_('gyro'):12}{_('readings'):10}{_('kept'):>6}{_('forecast'):>10}"
+            f"{_('route'):11}{_('fix'):13}{_('gyro'):14}{_('readings'):10}{_('kept'):>6}{_('forecast'):>10}"
         )
         head += f"{_('beside, cm'):>18}{_('estimate, cm'):>14}{_('within'):>8}{'NEES':>6}{_('stopped, in lap'):>17}"
         lines = [
@@ -165,7 +165,7 @@ class LapStudy:
             )
             stops = f"{r['stopped']}, {number(r['stop_lap_median']):.0f}" if r["stopped"] else "0"
             lines.append(
-                f"{_(r['route']):11}{_(r['fix']):13}{_(r['gyro']):12}{_(r['read']):10}{number(r['kept']):6.0%}"
+                f"{_(r['route']):11}{_(r['fix']):13}{_(r['gyro']):14}{_(r['read']):10}{number(r['kept']):6.0%}"
                 f"{_share(r['forecast']):>10}{across:>18}{_cm(r['position_worst_m']):>14}{_share(r['within']):>8}"
                 f"{number(r['nees']):6.2f}{stops:>17}"
             )
