@@ -329,6 +329,9 @@ HARMLESS = {
     "first_drive",
     "compilable",
     "repeat",
+    "closure",
+    "MARK_SOURCE",
+    "RoomWatch",
 }
 
 

@@ -187,10 +187,10 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
 
 
 @command.command(
-    "marks",
+    "laps",
     help=(
-        "Fifty laps over two tags on the floor: test if heading and position stay bounded, as "
-        "the filter claims."
+        "Fifty laps with an IMU alone, over two tags, over three lines, or through a pose gate: test if robots "
+        "keep their route, and if the filter claims what is true."
     ),
 )
 @options.seed
@@ -204,15 +204,30 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
 @click.option(
     "--laps", type=numbers.count, default=50, show_default=True, help=("Number of laps of each shape.")
 )
+@click.option(
+    "--case",
+    "names",
+    multiple=True,
+    metavar="WORDS",
+    help='Cases whose row has these words: "tags, uncalibrated". Repeat the option for more; default: all.',
+)
 @options.backend
 @options.as_json
-def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None:
+def laps(seed: int, seeds: int, laps: int, names: tuple[str, ...], backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
-    from baqueano.study.marks import marks
+    from baqueano.errors import UsageError
+    from baqueano.study.laps import all_cases, laps_over_fixes
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-marks", seeds=seeds, laps=laps), seeds) as each:
-        result = marks(seeds, seed, laps, processors(), backend, each=each)
+    words = [[word.strip() for word in name.split(",")] for name in names]
+    known_words = sorted({word for case in all_cases() for word in case})
+    if unknown_words := [word for some in words for word in some if word not in known_words]:
+        raise UsageError(
+            fault("cli.case-unknown", found=unknown_words[0], near=nearest(unknown_words[0], known_words))
+        )
+    cases = [case for case in all_cases() if not words or any(set(some) <= set(case) for some in words)]
+    with progress(note("cli.study-laps", seeds=seeds, laps=laps), seeds) as each:
+        result = laps_over_fixes(seeds, seed, laps, processors(), backend, cases, each)
     answer(result, as_json)
     if result.robots < seeds:
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))

@@ -212,7 +212,7 @@ TEMPLATES: dict[str, str] = {
     "cli.study-faults": "fitting {count:,} sound and damaged runs",
     "cli.study-driving": "identifying and driving {seeds} robots, about 15 s of processor time each",
     "cli.study-controllers": "tuning the controllers, then identifying and driving {seeds} robots",
-    "cli.study-marks": "identifying {seeds} robots, driving {laps} laps, some minutes of processor time each",
+    "cli.study-laps": "identifying {seeds} robots, driving {laps} laps, a quarter of an hour of processor time each",
     "cli.study-first-drives": "driving {seeds} unknown vehicles, about 10 s of processor time each",
     "cli.study-corridor": "identifying and driving {vehicles} vehicles",
     "cli.tuning": "tuning: the closed loop is compiled, then searched from several starts",

@@ -5,7 +5,7 @@ Plain NumPy, many vehicles side by side, Runge-Kutta at 1 kHz; a step also ends 
 """
 
 from baqueano.study.truth.bicycle import Cars, draw_cars
-from baqueano.study.truth.floor import Floor, TagFaults
+from baqueano.study.truth.floor import Floor, FloorLines, Gate, PassingFaults, Reader
 from baqueano.study.truth.group import Group, TruthGroup
 from baqueano.study.truth.imu import Imus
 from baqueano.study.truth.transmission import Transmission

@@ -1,23 +1,35 @@
-"""Tags on a floor, read by n vehicles that pass over them: some are missed, read twice, or mistaken for another.
+"""Marks on a floor, read by n vehicles that pass over them: some are missed, read twice, or mistaken for another.
 
-A reader is nearest to a tag when its distance stops decreasing. Within the radius it then reports its own position with
-noise. If a tag is mistaken for another one, that position is shifted by the vector between the two tags.
+A reader is nearest to a place when its distance stops decreasing. Within the radius it then reports with noise: over a
+tag its own position, in a gate its own pose. A line is reported when it is crossed, with the distance beyond it. If a
+tag or gate is mistaken for another one, the report is shifted by the vector between the two. If a line is mistaken for
+another one, the report names the other line.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 TWICE_S = 0.05  # after the first time
 
+Measure = Callable[[np.random.Generator, bool], np.ndarray]
 
-class TagFaults(NamedTuple):
-    """Rates at which a passage over a tag is missed, doubled or mistaken."""
+
+class PassingFaults(NamedTuple):
+    """Rates at which a passage over a mark is missed, doubled or mistaken."""
 
     missed: float = 0.0
     twice: float = 0.0
     mistaken: float = 0.0
+
+
+class Reader(Protocol):
+    """Readers of n vehicles on the same floor."""
+
+    def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
+        """Return the reports (n, m) at `t_s` of vehicles at the poses (n, 3); NaN without a report."""
+        ...
 
 
 class Floor:
@@ -25,39 +37,130 @@ class Floor:
 
     def __init__(
         self, points_m: np.ndarray, radius_m: float, noise_m: float, seeds: Sequence[int], xy: np.ndarray,
-        faults: TagFaults,
+        faults: PassingFaults,
     ) -> None:  # fmt: skip
-        self._points, self._radius_m, self._noise_m, self._faults = points_m, radius_m, noise_m, faults
-        self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]
+        self._points, self._noise_m = points_m, noise_m
+        self._near, self._reports = _Near(points_m, radius_m, xy), _Reports((len(xy), 2), seeds, faults)
+
+    def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
+        """Return the positions (n, 2) that are reported at `t_s`; NaN without a report."""
+        return self._reports.at(t_s, [(i, self._over(k, eta[i])) for i, k in self._near.passed(eta[:, :2])])
+
+    def _over(self, k: int, eta: np.ndarray) -> Measure:
+        def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
+            z = eta[:2] + self._noise_m * draw.standard_normal((2, 2))
+            if mistaken:
+                z += self._points[draw.choice(_others(len(self._points), k))] - self._points[k]
+            return z
+
+        return measure
+
+
+class Gate:
+    """A gate at `poses` [0] that measures the pose; a mistaken gate is one of the other `poses` (m, 3)."""
+
+    def __init__(
+        self, poses: np.ndarray, radius_m: float, noise: np.ndarray, seeds: Sequence[int], xy: np.ndarray,
+        faults: PassingFaults,
+    ) -> None:  # fmt: skip
+        self._poses, self._noise = poses, noise
+        self._near, self._reports = _Near(poses[:1, :2], radius_m, xy), _Reports((len(xy), 3), seeds, faults)
+
+    def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
+        """Return the poses (n, 3) that are reported at `t_s`; NaN without a report."""
+        return self._reports.at(t_s, [(i, self._in(eta[i])) for i, _ in self._near.passed(eta[:, :2])])
+
+    def _in(self, eta: np.ndarray) -> Measure:
+        def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
+            z = eta + self._noise * draw.standard_normal((2, 3))
+            if mistaken:
+                z += self._poses[draw.choice(_others(len(self._poses), 0))] - self._poses[0]
+            z[:, 2] = np.arctan2(np.sin(z[:, 2]), np.cos(z[:, 2]))
+            return z
+
+        return measure
+
+
+class FloorLines:
+    """Lines through `poses` (m, 3) [m, m, rad], crossed along their heading; each extends `half_width_m` to a side."""
+
+    def __init__(
+        self, poses: np.ndarray, half_width_m: float, noise_m: float, seeds: Sequence[int], xy: np.ndarray,
+        faults: PassingFaults,
+    ) -> None:  # fmt: skip
+        self._poses, self._half_width_m, self._noise_m = poses, half_width_m, noise_m
+        self._reports = _Reports((len(xy), len(poses)), seeds, faults)
+        self._beyond, _ = self._to(xy)
+
+    def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
+        """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
+        before, (self._beyond, aside) = self._beyond, self._to(eta[:, :2])
+        passed = (before < 0.0) & (self._beyond >= 0.0) & (np.abs(aside) <= self._half_width_m)
+        rows = np.argwhere(passed).tolist()
+        return self._reports.at(t_s, [(i, self._over(k, self._beyond[i, k])) for i, k in rows])
+
+    def _over(self, k: int, beyond_m: float) -> Measure:
+        def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
+            z, n = np.full((2, len(self._poses)), np.nan), len(self._poses)
+            z[:, draw.choice(_others(n, k)) if mistaken else k] = beyond_m
+            return z + self._noise_m * draw.standard_normal((2, 1))
+
+        return measure
+
+    def _to(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the distances (n, m) [m] beyond the lines, and to the left of their points."""
+        off, (c, s) = (
+            xy[:, None, :] - self._poses[:, :2],
+            (np.cos(self._poses[:, 2]), np.sin(self._poses[:, 2])),
+        )
+        return off[..., 0] * c + off[..., 1] * s, off[..., 1] * c - off[..., 0] * s
+
+
+class _Near:
+    """Detector of the moments at which vehicles are nearest to points (m, 2), within a radius."""
+
+    def __init__(self, points_m: np.ndarray, radius_m: float, xy: np.ndarray) -> None:
+        self._points, self._radius_m = points_m, radius_m
         self._distance = self._to(xy)
         self._shrinks = np.zeros_like(self._distance, dtype=bool)
-        self._late_readings: list[tuple[float, np.ndarray]] = []
-        self.passed = np.zeros(len(xy), dtype=int)
 
-    def read(self, t_s: float, xy: np.ndarray) -> np.ndarray:
-        """Return the positions (n, 2) that are reported at `t_s`; NaN without a report."""
-        distance, out = self._to(xy), np.full(xy.shape, np.nan)
+    def passed(self, xy: np.ndarray) -> list[tuple[int, int]]:
+        """Return the pairs (vehicle, point) that are nearest now, at most one point for each vehicle."""
+        distance = self._to(xy)
         shrinks = distance < self._distance
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
         self._distance, self._shrinks = distance, shrinks
-        for i in np.flatnonzero(nearest.any(axis=1)):
-            draw, nearest_point = self._draw[i], int(np.argmax(nearest[i]))
-            is_missed, twice, mistaken = draw.random(3) < self._faults
-            reading = xy[i] + self._noise_m * draw.standard_normal((2, 2))
-            self.passed[i] += 1
-            if mistaken:
-                wrong_points = [k for k in range(len(self._points)) if k != nearest_point]
-                reading += self._points[draw.choice(wrong_points)] - self._points[nearest_point]
-            if not is_missed:
-                out[i] = reading[0]
-                late = np.full(xy.shape, np.nan)
-                late[i] = reading[1]
-                self._late_readings += [(t_s + TWICE_S, late)] if twice else []
-        for due_s, reading in self._late_readings:
-            out = np.where(np.isnan(reading) | (due_s > t_s), out, reading)
-        self._late_readings = [reading for reading in self._late_readings if reading[0] > t_s]
-        return out
+        return [(int(i), int(np.argmax(nearest[i]))) for i in np.flatnonzero(nearest.any(axis=1))]
 
     def _to(self, xy: np.ndarray) -> np.ndarray:
-        """Return the distances (n, m) from the readers to the tags."""
+        """Return the distances (n, m) from the vehicles to the points."""
         return np.hypot(*np.moveaxis(xy[:, None, :] - self._points, -1, 0))
+
+
+class _Reports:
+    """Reports of vehicles that pass a mark, with the faults of their readers; `shape` is (n, m)."""
+
+    def __init__(self, shape: tuple[int, int], seeds: Sequence[int], faults: PassingFaults) -> None:
+        self._shape, self._faults = shape, faults
+        self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]
+        self._late: list[tuple[float, np.ndarray]] = []
+
+    def at(self, t_s: float, passings: Iterable[tuple[int, Measure]]) -> np.ndarray:
+        """Return the reports (n, m) at `t_s`, NaN without one; `passings` contain vehicles and their measurements."""
+        out = np.full(self._shape, np.nan)
+        for i, measure in passings:
+            draw = self._draw[i]
+            is_missed, twice, mistaken = draw.random(3) < self._faults
+            first, second = measure(draw, bool(mistaken))
+            if not is_missed:
+                out[i], late = first, np.full(self._shape, np.nan)
+                late[i] = second
+                self._late += [(t_s + TWICE_S, late)] if twice else []
+        for due_s, late in self._late:
+            out = np.where(np.isnan(late) | (due_s > t_s), out, late)
+        self._late = [(due_s, late) for due_s, late in self._late if due_s > t_s]
+        return out
+
+
+def _others(n: int, k: int) -> list[int]:
+    return [i for i in range(n) if i != k]

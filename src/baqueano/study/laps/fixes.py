@@ -1,0 +1,99 @@
+"""Sensors that measure the position of a vehicle on its lap: none, two tags, three lines, or a pose gate.
+
+    tags    at 1/4 and 3/4 of a lap from the start: x and y of each passage
+    lines   perpendicular to the path at three places: distance beyond the line
+    gate    at 1/4 of a lap from the start: x, y and heading, by a camera over a marker
+
+Three lines with normals nᵢ at places pᵢ relative to the middle of the route determine the pose by
+
+    H = [nᵢᵀ, pᵢ × nᵢ],   at these places its smallest singular value is at least 0.7 on each route        (1)
+
+A mistaken gate may be anywhere on the route; the filter does not receive these places.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.guides.route import Route
+from baqueano.language import marked as N_
+from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, Reader
+from baqueano.vehicle_file import VehicleFile, parse
+
+TWO, THREE, ONE = (0.25, 0.75), (0.2, 0.4, 0.7), (0.25,)  # of a lap
+RADIUS_M, NOISE_M, NOISE_RAD = 0.15, 0.01, 0.02
+ELSEWHERE = 40  # places of mistaken gates on the route
+
+MakeReader = Callable[[Route, Sequence[int], np.ndarray, PassingFaults], Reader]
+
+
+class Fix(NamedTuple):
+    """Sensors of one kind of fix."""
+
+    sizes: dict[str, int]  # number of values that each sensor reports
+    tables: Callable[[Route], str]  # of the vehicle file
+    reader: MakeReader  # of route, seeds, initial positions (n, 2), faults
+
+
+def places(route: Route, parts: Sequence[float]) -> np.ndarray:
+    """Return the poses (m, 3) of a route after the fractions `parts` of its lap."""
+    return route.eta[[int(np.searchsorted(route.t_s, part * route.t_s[-1])) for part in parts]]
+
+
+def with_fix(file: VehicleFile, fix: str, route: Route) -> VehicleFile:
+    """Return the file with the sensors of a fix on a route; its estimator uses them."""
+    sizes, tables, _ = FIXES[fix]
+    text = file.with_values({"estimator.use": ["imu"]}).text
+    for name in [name for other in FIXES.values() for name in other.sizes]:
+        text = text.partition(f"\n[sensors.{name}]")[0]
+    return parse(f"{text}\n{tables(route)}", file.name).with_values({"estimator.use": ["imu", *sizes]})
+
+
+def _tag_tables(route: Route) -> str:
+    points = places(route, TWO)[:, :2].tolist()
+    return (
+        f'[sensors.tags]\nkind = "tags"\npoints_m = {points}\nradius_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n'
+    )
+
+
+def _line_tables(route: Route) -> str:
+    return "\n".join(
+        f'[sensors.{name}]\nkind = "mark"\npoint_m = [{x}, {y}]\nheading_rad = {heading}\n'
+        f"half_width_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n"
+        for name, (x, y, heading) in zip(LINES, places(route, THREE).tolist(), strict=True)
+    )
+
+
+def _gate_tables(route: Route) -> str:
+    return f'[sensors.pose]\nkind = "pose"\nnoise_std = [{NOISE_M}, {NOISE_M}, {NOISE_RAD}]\n'
+
+
+def _tags(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
+    return Floor(places(route, TWO)[:, :2], RADIUS_M, NOISE_M, seeds, xy, faults)
+
+
+def _lines(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
+    return FloorLines(places(route, THREE), RADIUS_M, NOISE_M, seeds, xy, faults)
+
+
+def _gate(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
+    poses = places(route, (*ONE, *np.linspace(0.0, 1.0, ELSEWHERE)))
+    return Gate(poses, RADIUS_M, np.array([NOISE_M, NOISE_M, NOISE_RAD]), seeds, xy, faults)
+
+
+class _Nothing:
+    """Reader of a floor without marks."""
+
+    def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
+        """Return an empty report (n, 0)."""
+        return np.zeros((len(eta), 0))
+
+
+LINES = ("line_1", "line_2", "line_3")
+FIXES = {
+    N_("none"): Fix({}, lambda route: "", lambda route, seeds, xy, faults: _Nothing()),
+    N_("tags"): Fix({"tags": 2}, _tag_tables, _tags),
+    N_("lines"): Fix(dict.fromkeys(LINES, 1), _line_tables, _lines),
+    N_("gate"): Fix({"pose": 3}, _gate_tables, _gate),
+}

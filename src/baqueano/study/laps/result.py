@@ -1,0 +1,229 @@
+"""Result of `study laps`: for each fix and route the share of robots that keep the route, the errors, and the NEES.
+
+NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a cautious one                (1)
+within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most LOST_RAD                      (2)
+forecast    mean over the robots of P(|n| < WORST_M / σ), σ the largest across in corridor_ahead.py      (3)
+
+A robot keeps the route if its true distance from it is at most WORST_M in all laps, and it is never stopped.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.compare.corridor import LOST_RAD
+from baqueano.diagnostics import Verdict
+from baqueano.language import number
+from baqueano.language import translated as _
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.study.laps.drives import Laps
+
+WITHIN_3 = 7.815  # 95 % quantile of χ² with 3 degrees of freedom
+SETTLED = 3  # laps after which the gyro scale is estimated
+WORST_M, LEAST_KEPT, LEAST_WITHIN, MOST_NEES, FORECAST = 0.10, 0.90, 0.90, 1.6, 0.10
+
+
+class LapCase(NamedTuple):
+    """A case of the study: a route, a fix, a gyro, and readings with or without faults."""
+
+    route: str
+    fix: str
+    gyro: str
+    read: str  # "all read" or "faults"
+
+
+class Lap(NamedTuple):
+    """One lap of a robot, until its end or until the stop."""
+
+    case: LapCase
+    seed: int
+    lap: int  # from 1
+    whole: bool  # without a stop
+    position_m: float  # worst error of the estimate
+    across_m: float  # largest true distance from the route
+    within: float  # share (2); NaN if the heading is lost
+    nees: float  # mean of (1) over the samples of (2)
+
+
+class Whole(NamedTuple):
+    """A whole drive of a robot."""
+
+    case: LapCase
+    seed: int
+    touches: bool  # it touched a wall
+    forecast: float  # probability to keep the route, before the drive; NaN without a forecast
+
+
+def laps_of(driven: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_lap: int) -> list[Lap]:
+    """Return the laps of all robots of a drive, `per_lap` samples each."""
+    e, P = driven.error, driven.cov
+    square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
+    square = np.where(np.sqrt(P[..., 2, 2]) <= LOST_RAD, square, np.nan)
+    far, across = np.hypot(e[..., 0], e[..., 1]), np.abs(driven.across)
+    out = []
+    for lap in range(laps):
+        t = slice(lap * per_lap, (lap + 1) * per_lap if lap < laps - 1 else None)
+        for i, seed in enumerate(seeds):
+            on = driven.drives[t, i]
+            if not on.any():
+                continue
+            squares = square[t, i][on & np.isfinite(square[t, i])]
+            claims = (
+                (float(np.mean(squares <= WITHIN_3)), float(np.mean(squares)) / 3.0)
+                if len(squares)
+                else (np.nan,) * 2
+            )
+            worst = float(far[t, i][on].max()), float(across[t, i][on].max())
+            out.append(Lap(case, seed, lap + 1, bool(on.all()), *worst, *claims))
+    return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LapStudy:
+    """Result of the study: all laps and drives."""
+
+    drives: tuple[Lap, ...]
+    wholes: tuple[Whole, ...]
+    robots: int
+    laps: int
+    refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
+
+    def rows(self) -> list["TableRow"]:
+        """Return a flat row for each case."""
+        return [self._row(case) for case in dict.fromkeys(whole.case for whole in self.wholes)]
+
+    def _row(self, case: LapCase) -> "TableRow":
+        wholes, of = [w for w in self.wholes if w.case == case], [d for d in self.drives if d.case == case]
+        first, last, later = (
+            [d for d in of if chosen(d.lap)]
+            for chosen in (lambda lap: lap == 1, lambda lap: lap == self.laps, lambda lap: lap > SETTLED)
+        )
+        stops = [max(d.lap for d in of if d.seed == w.seed) for w in wholes if not self._is_whole(of, w.seed)]
+        keeps = [
+            self._is_whole(of, w.seed) and max(d.across_m for d in of if d.seed == w.seed) <= WORST_M
+            for w in wholes
+        ]
+        return case._asdict() | {
+            "robots": len(wholes),
+            "kept": float(np.mean(keeps)),
+            "forecast": float(np.mean([w.forecast for w in wholes])),
+            "first_across_p95_m": _quantile([d.across_m for d in first], 0.95),
+            "last_across_p95_m": _quantile([d.across_m for d in last], 0.95),
+            "across_worst_m": _quantile([d.across_m for d in of], 1.0),
+            "position_worst_m": _quantile([d.position_m for d in later], 1.0),
+            "within": _mean([d.within for d in of]),
+            "nees": _mean([d.nees for d in of]),
+            "stopped": len(stops),
+            "stop_lap_median": _quantile([float(lap) for lap in stops], 0.5),
+            "touched": sum(w.touches for w in wholes),
+        }
+
+    def _is_whole(self, of: list[Lap], seed: int) -> bool:
+        return sum(d.whole for d in of if d.seed == seed) == self.laps
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return the bounds that are not kept: all bounds with tags; walls, coverage and NEES with the other fixes."""
+        out = []
+        if self.refused:
+            out.append(
+                _("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused)))
+            )
+        for row in self.rows():
+            out += [_("{where}: {what}", where=_place(row), what=what) for what in _misses(row, self.laps)]
+        return tuple(out)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return WARN if a bound is not kept, else USABLE."""
+        return Verdict.WARN if self.reasons else Verdict.USABLE
+
+    def table(self) -> str:
+        """Return the rows as a text table."""
+        head = (
+            f"{_('route'):11}{_('fix'):13}{_('gyro'):14}{_('readings'):10}{_('kept'):>6}{_('forecast'):>10}"
+        )
+        head += f"{_('beside, cm'):>18}{_('estimate, cm'):>14}{_('within'):>8}{'NEES':>6}{_('stopped, in lap'):>17}"
+        lines = [
+            _(
+                "{robots} robots, {laps} laps; beside the route: 95 % quantile of the first lap and the last, "
+                "largest of all; largest error of the estimate after lap {settled}",
+                robots=self.robots,
+                laps=self.laps,
+                settled=SETTLED,
+            ),
+            head,
+            "-" * len(head),
+        ]
+        for r in self.rows():
+            across = " ".join(
+                _cm(r[name]) for name in ("first_across_p95_m", "last_across_p95_m", "across_worst_m")
+            )
+            stops = f"{r['stopped']}, {number(r['stop_lap_median']):.0f}" if r["stopped"] else "0"
+            lines.append(
+                f"{_(r['route']):11}{_(r['fix']):13}{_(r['gyro']):14}{_(r['read']):10}{number(r['kept']):6.0%}"
+                f"{_share(r['forecast']):>10}{across:>18}{_cm(r['position_worst_m']):>14}{_share(r['within']):>8}"
+                f"{number(r['nees']):6.2f}{stops:>17}"
+            )
+        return "\n".join(
+            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bounds are kept')}"]
+        )
+
+
+def _misses(row: "TableRow", laps: int) -> list[str]:
+    """Return a sentence for each bound that a row does not keep."""
+    out = []
+    if row["touched"]:
+        out.append(_("{robots} robots touched a wall", robots=row["touched"]))
+    if row["within"] < LEAST_WITHIN:
+        out.append(_("{within:.0%} within the 95 % region, 90 % expected", within=row["within"]))
+    if row["nees"] > MOST_NEES:
+        out.append(_("NEES {nees:.2f}, at most {most:g} expected", nees=row["nees"], most=MOST_NEES))
+    if row["fix"] != "tags":
+        return out
+    if row["gyro"] == "uncalibrated":
+        if abs(row["forecast"] - row["kept"]) > FORECAST:
+            out.append(
+                _(
+                    "{kept:.0%} of the robots keep the route, {forecast:.0%} were forecast",
+                    kept=row["kept"],
+                    forecast=row["forecast"],
+                )
+            )
+        return out
+    if row["last_across_p95_m"] > WORST_M:
+        distance = f"{number(100.0 * row['last_across_p95_m']):.0f} cm"
+        out.append(_("lap {lap}: {distance} beside the route, 10 cm expected", lap=laps, distance=distance))
+    if row["read"] == "all read" and row["position_worst_m"] > WORST_M:
+        distance = f"{number(100.0 * row['position_worst_m']):.0f} cm"
+        out.append(_("the estimate is {distance} off, 10 cm expected", distance=distance))
+    if row["route"] != "sinuous" and row["kept"] < LEAST_KEPT:
+        out.append(_("{kept:.0%} of the robots keep the route, 90 % expected", kept=row["kept"]))
+    if row["stopped"]:
+        out.append(_("{stopped} drives were stopped", stopped=row["stopped"]))
+    return out
+
+
+def _place(row: "TableRow") -> str:
+    return ", ".join(_(row[name]) for name in LapCase._fields)
+
+
+def _quantile(values: list[float], q: float) -> float:
+    return float(np.quantile(values, q)) if values else float("nan")
+
+
+def _mean(values: list[float]) -> float:
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else float("nan")
+
+
+def _cm(metres: float) -> str:
+    return f"{number(100.0 * metres):.1f}" if np.isfinite(metres) else "-"
+
+
+def _share(share: float) -> str:
+    return f"{number(share):.1%}" if np.isfinite(share) else "-"

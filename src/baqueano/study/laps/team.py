@@ -1,0 +1,119 @@
+"""Robots of the independent truth, each with the vehicle file that its owner would obtain.
+
+The gyro scale has an error of up to ± 3 % (corridor/vehicles.py). The gyro stays uncalibrated, or two turns on a mark
+calibrate it before the experiment, as in `baqueano drive`. The file without a fix is identified from the experiment
+only. The others also use LEARNED laps of a rectangle over tags, which measure the speed error of the model.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Verdict
+from baqueano.drive.closure import closure
+from baqueano.drive.recording import MARK_SOURCE
+from baqueano.errors import AnswerNo
+from baqueano.identify import FitOptions, identify
+from baqueano.identify.noise.covariances import measure_noise
+from baqueano.language import marked as N_
+from baqueano.runs import Run
+from baqueano.runs.logs import Event
+from baqueano.runs.run import Channel
+from baqueano.signals import NANOSECONDS
+from baqueano.simulate.open_loop import times
+from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
+from baqueano.study.driving import FREE, SHAPES, experiments, guess
+from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, follow
+from baqueano.study.laps.fixes import with_fix
+from baqueano.study.truth import PassingFaults, Robots, TruthWorld
+from baqueano.symbolic import function
+from baqueano.vehicle_file import VehicleFile
+
+LEARNED, SPEED_M_S = 5, 0.3
+GYROS = (N_("uncalibrated"), N_("calibrated"))
+STAND_S, TURNS, LONGEST_S = 3.0, 2, 20.0
+TURN_U, MARK_RAD = 0.6, np.radians(2.0)  # command while it turns; std of the heading at the final mark
+
+
+class Teams(NamedTuple):
+    """Robots whose fits were not refused, after they were switched on anew."""
+
+    alone: Team  # with files from the experiment only
+    learned: Team  # with files that also use laps over tags
+    refused: list[int]  # seeds whose fit was refused
+
+
+def identified(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
+    """Return the robots of the seeds; `learned` is empty unless `learns`."""
+    robots, options = vehicles(seeds), FitOptions(backend=backend)
+    starts = calibrated(robots, seeds) if gyro == "calibrated" else [guess()] * len(seeds)
+    runs = experiments(robots, seeds)
+    fits = [identify(run, start, FREE, options=options) for run, start in zip(runs, starts, strict=True)]
+    usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
+    files = [fits[k].vehicle_file for k in usable]
+    alone = [measure_noise(fits[k], runs[k], backend=backend).updated(fits[k].vehicle_file) for k in usable]
+    names = [seeds[k] for k in usable]
+    learned = (
+        _learned(Team(files, robots.some(usable), names), [runs[k] for k in usable], backend)
+        if learns
+        else {}
+    )
+    some = [k for k, name in enumerate(names) if name in learned or not learns]
+    names, alone = [names[k] for k in some], [alone[k] for k in some]
+    anew = switched_on_anew(robots.some([name - seeds[0] for name in names]), names, alone)
+    others = [learned[name] for name in names if name in learned]
+    refusals = [seed for seed in seeds if seed not in names]
+    return Teams(Team(alone, anew, names), Team(others, anew, names if learns else []), refusals)
+
+
+def _learned(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
+    """Return the file of each seed from an experiment and laps over tags, without the refused fits."""
+    route, out = SHAPES["rectangle"](SPEED_M_S), {}
+    (laps,) = follow(route, LEARNED, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True)
+    for file, seed, run, over in zip(team.files, team.seeds, runs, laps.runs, strict=True):
+        both, start = [run, over], with_fix(file, "tags", route)
+        fit = identify(both, start, FREE, use=("imu",), options=FitOptions(backend=backend))
+        if fit.verdict != Verdict.REFUSED:
+            noise = measure_noise(fit, both, backend=backend)
+            out[seed] = noise.updated(fit.vehicle_file, file.name)
+    return out
+
+
+def calibrated(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
+    """Return the guess with the gyro scale of each robot from two turns; unchanged if they do not determine it."""
+    out = []
+    for run in turned_twice(robots, seeds):
+        try:
+            out.append(guess().with_values(closure(run, guess()).values))
+        except AnswerNo:
+            out.append(guess())
+    return out
+
+
+def turned_twice(robots: Robots, seeds: Sequence[int]) -> list[Run]:
+    """Return a run of each robot that rests and turns twice, with an event on its mark before and after."""
+    n, file = len(seeds), guess()
+    world = TruthWorld(robots, [seed + 7_000 for seed in seeds], step_s=STEP_S, fast=function)
+    t_ns = times(round(LONGEST_S * RATE_HZ), RATE_HZ)
+    off = np.array([np.random.default_rng([seed, 61]).normal(0.0, MARK_RAD) for seed in seeds])
+    end, ends, now = 2.0 * np.pi * TURNS + off, np.full(n, np.nan), np.zeros((n, 3))
+    u, z, psi = np.zeros((len(t_ns), n, 3)), np.zeros((len(t_ns), n, 3)), np.zeros(n)
+    for k, t in enumerate(t_ns.tolist()):
+        before, z[k], u[k] = psi, world.tick(now, 1.0 / RATE_HZ), now
+        psi = world.truth.eta[:, 2]
+        # The fraction of the tick after the end of the turns.
+        beyond = (psi - end) / np.maximum(psi - before, 1e-9)
+        ends = np.where(np.isnan(ends) & (psi >= end), t - beyond / RATE_HZ * NANOSECONDS, ends)
+        turns = (k >= STAND_S * RATE_HZ) & np.isnan(ends)
+        now = np.column_stack([np.zeros((n, 2)), np.where(turns, TURN_U, 0.0)])
+    begin_ns = round(STAND_S * NANOSECONDS)
+    marks = [[begin_ns, round(end_ns)] if np.isfinite(end_ns) else [] for end_ns in ends.tolist()]
+    return [
+        Run(
+            f"turns {seed}", None, t_ns, u[:, i], sensors={"imu": Channel(t_ns, t_ns, z[:, i])},
+            vehicle_text=file.text, metadata={"kind": "drive", "rate_hz": f"{RATE_HZ:g}"},
+            events=tuple(Event(t, "info", MARK_SOURCE, "") for t in marks[i]),
+        )
+        for i, seed in enumerate(seeds)
+    ]  # fmt: skip

@@ -1,0 +1,206 @@
+"""`baqueano study laps`: readings of marks in the truth, and the errors and covariances of laps over the marks."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive.closure import closure
+from baqueano.study import driving
+from baqueano.study.corridor.vehicles import vehicles
+from baqueano.study.driving import SHAPES, guess
+from baqueano.study.laps import all_cases, laps_over_fixes, team
+from baqueano.study.laps.drives import STEP_S, Laps
+from baqueano.study.laps.fixes import FIXES, THREE, places, with_fix
+from baqueano.study.laps.result import LapCase, LapStudy, Whole, laps_of
+from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, TruthWorld, draw_robots
+from baqueano.symbolic import function
+
+TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
+
+
+def readings_of(floor, way):
+    """Return the readings of one vehicle along a path (T, 3), by the index of the step."""
+    readings = [floor.read(0.01 * (k + 1), eta[None])[0] for k, eta in enumerate(way)]
+    return {k: z for k, z in enumerate(readings) if not np.isnan(z).all()}
+
+
+def floor(seed=0, faults=PassingFaults(), noise=0.0):  # noqa: B008 a tuple
+    return Floor(TWO, 0.1, noise, [seed], np.array([[0.0, 0.05]]), faults)
+
+
+def line(y, n=300):
+    return np.column_stack([np.linspace(0.01, 3.0, n), np.full(n, y), np.full(n, 0.1)])
+
+
+def test_a_tag_is_read_once_at_the_nearest_point():
+    readings = readings_of(floor(), line(0.05))
+    ((k, z),) = readings.items()
+    assert z == pytest.approx([1.0, 0.05], abs=0.02)
+    assert 99 <= k <= 101
+    assert readings_of(floor(), line(0.11)) == {}
+
+
+def test_tag_faults_occur_at_the_specified_rate():
+    ways = [readings_of(floor(seed, PassingFaults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
+    counts = np.bincount([len(way) for way in ways], minlength=3)
+    assert counts[0] / 400 == pytest.approx(0.2, abs=0.06)
+    assert counts[2] / 400 == pytest.approx(0.08, abs=0.05)
+    mistaken = [way for way in ways if way and abs(next(iter(way.values()))[0] - 2.0) < 0.05]
+    assert len(mistaken) / 400 == pytest.approx(0.04, abs=0.03)
+
+
+ACROSS = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.5, 0.0, np.pi]])
+
+
+def lines(seed=0, faults=PassingFaults()):  # noqa: B008 a tuple
+    return FloorLines(ACROSS, 0.1, 0.0, [seed], np.array([[0.0, 0.05]]), faults)
+
+
+def test_a_line_is_read_once_when_crossed_in_its_direction():
+    readings = readings_of(lines(), line(0.05))
+    assert [int(np.flatnonzero(np.isfinite(z))[0]) for z in readings.values()] == [0, 1]
+    assert all(0.0 <= np.nanmax(z) < 0.011 for z in readings.values())
+    assert readings_of(lines(), line(0.11)) == {}
+
+
+def test_a_mistaken_line_is_reported_as_another_line():
+    ways = [readings_of(lines(seed, PassingFaults(mistaken=1.0)), line(0.05)) for seed in range(20)]
+    first = [int(np.flatnonzero(np.isfinite(next(iter(way.values()))))[0]) for way in ways]
+    assert set(first) == {1, 2}
+
+
+def test_a_gate_measures_the_pose_and_a_mistaken_gate_shifts_it():
+    poses, start = np.array([[1.0, 0.0, 0.1], [0.0, 5.0, 3.0]]), np.array([[0.0, 0.05]])
+    for mistaken, expected in ((0.0, [1.0, 0.05, 0.1]), (1.0, [0.0, 5.05, 3.0])):
+        gate = Gate(poses, 0.1, np.zeros(3), [0], start, PassingFaults(mistaken=mistaken))
+        (z,) = readings_of(gate, line(0.05)).values()
+        assert z == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("fix", FIXES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_vehicle_file_declares_the_sensors_of_each_fix(fix, shape):
+    route, sizes = SHAPES[shape](0.3), FIXES[fix].sizes
+    file = with_fix(with_fix(guess(), "tags", route), fix, route)
+    assert {name: sensor.size for name, sensor in file.sensors._asdict().items()} == {"imu": 3, **sizes}
+    assert list(file.estimator().use) == ["imu", *sizes]
+    reader = FIXES[fix].reader(route, [0], route.eta[:1, :2], PassingFaults())
+    poses = np.column_stack(
+        [np.interp(np.arange(0.01, route.t_s[-1], 0.01), route.t_s, x) for x in route.eta.T]
+    )
+    readings = np.array([reader.read(0.01 * k, eta[None])[0] for k, eta in enumerate(poses)])
+    assert np.sum(np.isfinite(readings), axis=0).tolist() == FIXED[fix]  # once a lap each
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_three_lines_determine_the_pose_on_every_route(shape):
+    route = SHAPES[shape](0.3)
+    middle = 0.5 * (route.eta[:, :2].min(axis=0) + route.eta[:, :2].max(axis=0))
+    x, y, psi = (places(route, THREE) - np.append(middle, 0.0)).T
+    H = np.column_stack([np.cos(psi), np.sin(psi), x * np.sin(psi) - y * np.cos(psi)])
+    assert np.linalg.svd(H, compute_uv=False)[-1] > 0.7
+
+
+FIXED = {"none": [], "tags": [2, 2], "lines": [1, 1, 1], "gate": [1, 1, 1]}
+
+
+def test_two_turns_on_a_mark_calibrate_the_gyro():
+    robots = vehicles(range(3))
+    for run, scale in zip(team.turned_twice(robots, range(3)), robots.imu.gyro_scale, strict=True):
+        result = closure(run, guess())
+        assert result.turns == 2
+        assert result.scale == pytest.approx(scale, abs=3.0 * result.sd)
+        assert result.sd < 0.004
+
+
+def test_longer_compiled_steps_of_the_truth_give_the_same_path():
+    robots = draw_robots(1, 4)
+    robots = robots.changed(floor=0.0 * robots.floor)
+    worlds = [
+        TruthWorld(robots, [1], step_s=step_s, fast=fast)
+        for step_s, fast in ((1e-3, slow), (STEP_S, function))
+    ]
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        u = np.array([[rng.uniform(0.3, 0.8), 0.0, rng.uniform(-0.3, 0.3)]])
+        for world in worlds:
+            for _ in range(50):
+                world.tick(u, 0.01)
+    assert worlds[0].truth.eta[0] == pytest.approx(worlds[1].truth.eta[0], abs=2e-3)
+
+
+def test_the_compiled_truth_equals_the_truth():
+    robots, u = vehicles(range(3)), np.array([[0.6, 0.0, 0.1], [0.5, 0.0, -0.3], [-0.7, 0.0, 0.0]])
+    plain, compiled = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
+    for _ in range(100):
+        z = plain.tick(u, 0.01), compiled.tick(u, 0.01)
+        assert z[0] == pytest.approx(z[1], abs=1e-12)
+    assert plain.truth.eta == pytest.approx(compiled.truth.eta, abs=1e-12)
+
+
+def slow(f, *examples):
+    return f
+
+
+@pytest.mark.long
+def test_tags_bound_the_errors_and_an_imu_alone_stops_before_a_wall(monkeypatch):
+    monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
+    monkeypatch.setattr(team, "LEARNED", 3)
+    cases = [LapCase("rectangle", fix, "calibrated", "all read") for fix in ("none", "tags")]
+    study = laps_over_fixes(1, 40, 4, cases=cases)
+    assert study.refused == ()
+    alone, tags = study.rows()
+    assert alone["touched"] == 0
+    assert tags["kept"] == 1.0
+    assert tags["position_worst_m"] < 0.05
+    assert tags["last_across_p95_m"] < 0.05
+
+
+TAGS = LapCase("eight", "tags", "calibrated", "all read")
+
+
+def study_of(error_m, sd_m, laps=5, across_m=0.02, stops=False, case=TAGS, forecast=float("nan")):
+    """Return a study of two robots with a constant error in x. Robot 3 is `across_m` off the route, and may stop."""
+    error, drives = np.tile([error_m, 0.0, 0.0], (10 * laps, 2, 1)), np.ones((10 * laps, 2), bool)
+    cov = np.tile(np.diag([sd_m**2, sd_m**2, 1e-4]), (10 * laps, 2, 1, 1))
+    across = np.tile([across_m, -0.01], (10 * laps, 1))
+    drives[15 if stops else 10 * laps :, 0] = False
+    driven = Laps(error, cov, across, drives, np.zeros(2, bool), ())
+    wholes = tuple(Whole(case, seed, False, forecast) for seed in (3, 4))
+    return LapStudy(tuple(laps_of(driven, case, [3, 4], laps, 10)), wholes, 2, laps, ())
+
+
+def test_a_stop_or_a_large_distance_fails_the_study_despite_faults():
+    study = study_of(0.02, 0.02, across_m=-0.12, case=TAGS._replace(read="faults"))
+    assert study.rows()[0]["kept"] == 0.5
+    assert "eight, tags, calibrated, faults: 50% of the robots keep the route, 90 % expected" in study.reasons
+    assert study_of(0.02, 0.02).rows()[0]["kept"] == 1.0
+    (row,) = study_of(0.02, 0.02, stops=True).rows()
+    assert (row["kept"], row["stopped"], row["stop_lap_median"]) == (0.5, 1, 2.0)
+    far = study_of(0, 1, 3, 0.2).reasons
+    assert "eight, tags, calibrated, all read: lap 3: 19 cm beside the route, 10 cm expected" in far
+
+
+def test_a_too_small_covariance_is_named_by_the_study():
+    assert study_of(0.02, 0.02).verdict == "USABLE"
+    assert "all bounds are kept" in study_of(0.02, 0.02).table()
+    sure = study_of(0.05, 0.01)
+    assert sure.verdict == "WARN"
+    assert "0% within the 95 % region" in sure.reasons[0]
+    assert "NEES 8.33" in sure.reasons[1]
+    assert "the estimate is 20 cm off, 10 cm expected" in study_of(0.2, 0.2).reasons[0]
+
+
+def test_the_bounds_depend_on_the_gyro_and_the_fix():
+    bought = TAGS._replace(gyro="uncalibrated")
+    assert study_of(0.02, 0.02, across_m=0.2, case=bought, forecast=0.55).verdict == "USABLE"
+    wrong = study_of(0.02, 0.02, across_m=0.2, case=bought, forecast=0.9)
+    assert "50% of the robots keep the route, 90% were forecast" in wrong.reasons[0]
+    alone = TAGS._replace(fix="none")
+    assert study_of(0.02, 0.02, across_m=0.3, stops=True, case=alone).verdict == "USABLE"
+    assert study_of(0.1, 0.02, stops=True, case=alone).verdict == "WARN"
+
+
+def test_every_fix_is_driven_on_every_route():
+    cases = all_cases()
+    assert len(cases) == len(set(cases)) == 27
+    assert {(case.fix, case.route) for case in cases} == {(fix, shape) for fix in FIXES for shape in SHAPES}
