@@ -38,7 +38,7 @@ class Freeze:
             "before read": (robot.uno, "receive"),
             "after read": (robot.imu, "events"),
             "before write": (robot.uno, "drive"),
-            "between write and log": (service.operator, "marked"),
+            "between write and log": (service.operator, "marks"),
             "after log": (service, "healthy"),
             "in a block": (service.health, "during"),
         }[phase]

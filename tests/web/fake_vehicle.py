@@ -55,7 +55,7 @@ async def live_page(tmp_path, **options):
     link, lab, shelf = FakeLink(), Lab(), Shelf(tmp_path)
     live = Live(link, lambda: server.visitors)
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    server = Server(page.receive, page.left, shelf.body, **options)
+    server = Server(page.receive, page.on_disconnect, shelf.body, **options)
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
     server.foxglove = live.foxglove
     live.begin()

@@ -56,7 +56,7 @@ async def recorded_page(folder: Path, *runs_open: str, **options: Any) -> AsyncI
     paths = tuple((folder / f"{name}.mcap").resolve() for name in runs_open)
     shelf = Shelf(folder, paths)
     page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-    server = Server(page.receive, page.left, shelf.body, **options)
+    server = Server(page.receive, page.on_disconnect, shelf.body, **options)
     try:
         async with server:
             yield server
