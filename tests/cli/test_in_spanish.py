@@ -23,7 +23,8 @@ ENGLISH = (
 )
 WORD = re.compile(rf"(?<![\w./\\\-'\"=\[:<])({ENGLISH})(?![\w./\\\-'\"=\]:(])", re.IGNORECASE)
 TYPED = re.compile(
-    r"^  laps {2,}|COMMAND \[ARGS\]|baqueano \d[^\n]*|baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]"
+    r"^  laps {2,}|COMMAND \[ARGS\]|"
+    r"baqueano \d[^\n]*|baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]"
 )
 INFINITIVE = re.compile(r"\w+(ar|er|ir)(lo|la|los|las)?\b")
 OTHER_DEFAULT = re.compile(r"\b(si falta|por defecto|de manera predeterminada)\b", re.IGNORECASE)

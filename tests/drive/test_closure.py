@@ -38,7 +38,7 @@ class ByTruth(Observer):
 
     def __init__(self, world, rate_hz, turns, ahead):
         self.world, self.rate_hz, self.goals, self.ahead = world, rate_hz, turns, ahead
-        self.ticks, self.psi, self.turned, self.begun, self.marks, self.rest = 0, 0.0, 0.0, False, 0, 200
+        self.ticks, self.psi, self.turned, self.begun, self.new_marks, self.rest = 0, 0.0, 0.0, False, 0, 200
 
     def __call__(self):
         now = self.world.truth.eta[2]
@@ -47,7 +47,7 @@ class ByTruth(Observer):
         if self.rest > 0:
             self.rest -= 1
             if self.rest == 0:
-                self.marks += 1
+                self.new_marks += 1
             return np.zeros(3)
         if not self.goals:
             raise KeyboardInterrupt
@@ -59,7 +59,7 @@ class ByTruth(Observer):
         return np.array([ahead, 0.0, turn + np.sign(remaining) * 0.32 * (abs(remaining) > 0.01)])
 
     def marks(self):
-        marks, self.marks = self.marks, 0
+        marks, self.new_marks = self.new_marks, 0
         return marks
 
 
