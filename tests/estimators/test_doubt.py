@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from baqueano.estimators.readings.doubt import DOUBT_S, lasting, wider
+from baqueano.estimators.readings.doubt import DOUBT_S, updated_doubt, wider
 from baqueano.geometry import wrap
 from baqueano.runs import Run
 from baqueano.signals import Slot, Tick
@@ -109,7 +109,7 @@ def test_a_single_nan_reading_has_no_effect(bad):
 def test_position_uncertainty_grows_by_velocity_uncertainty_times_time():
     doubt, pose = np.zeros((2, 2)), np.zeros((3, 3))
     for _ in range(300):
-        now = lasting(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
+        now = updated_doubt(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
         of_pose, of_nu = wider(now[0], doubt[1], now[1], 0.5 * np.pi, 0.01)
         doubt, pose = now, pose + of_pose
     assert np.sqrt(pose[1, 1]) == pytest.approx(0.2 * 3.0)
@@ -122,5 +122,5 @@ def test_one_rejected_reading_in_ten_does_not_widen_the_region():
     doubt = np.zeros((2, 2))
     for k in range(1000):
         off = np.full(2, 1.0 if k % 10 == 0 else 0.0)
-        doubt = lasting(doubt, off, np.zeros(2), np.array([True, True]), 0.01)
+        doubt = updated_doubt(doubt, off, np.zeros(2), np.array([True, True]), 0.01)
         assert np.all(doubt[1] < DOUBT_S)

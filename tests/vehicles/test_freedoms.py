@@ -8,7 +8,7 @@ import pytest
 from baqueano.parameter import all_parameters
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
-from baqueano.vehicles.freedoms import kept, rates, slopes, steers, turns
+from baqueano.vehicles.freedoms import coasting_axes, rates, slopes, steers, turns
 
 SMALL, CAR, KINEMATIC = load("small").vehicle, load("car").vehicle, Kinematic(np.eye(3))
 OMNI = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml").vehicle
@@ -16,7 +16,7 @@ OMNI = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml").vehicle
 
 @pytest.mark.parametrize(("vehicle", "entries"), [(SMALL, (0, 1, 2)), (CAR, (0, 2)), (KINEMATIC, ())])
 def test_retained_velocities_depend_on_the_vehicle_kind(vehicle, entries):
-    assert kept(vehicle) == entries
+    assert coasting_axes(vehicle) == entries
 
 
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, False), (CAR, True), (KINEMATIC, False)])

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from baqueano.door.ssh import answer, shown
+from baqueano.door.ssh import answer, print_streams
 from baqueano.language import translated as _
 
 BEAT_S = 0.5
@@ -52,7 +52,7 @@ def answer_of(command: list[str]) -> tuple[bytes, int]:
 
     beating = threading.Thread(target=beat, name="sign of life", daemon=True)
     beating.start()
-    with program, shown((program.stderr, sys.stderr)):
+    with program, print_streams((program.stderr, sys.stderr)):
         try:
             return answer(program.stdout), program.wait()
         except KeyboardInterrupt:

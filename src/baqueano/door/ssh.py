@@ -61,7 +61,7 @@ def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[b
             command, stdin=file if given else None, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0
         )
         out, err = _pipe(program.stdout), _pipe(program.stderr)
-        with program, shown((err, sys.stderr), *([] if answers else [(out, sys.stdout)])):
+        with program, print_streams((err, sys.stderr), *([] if answers else [(out, sys.stdout)])):
             try:
                 return answer(out) if answers else b"", program.wait()
             except BaseException:
@@ -80,7 +80,7 @@ def answer(stream: IO[bytes]) -> bytes:
 
 
 @contextmanager
-def shown(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
+def print_streams(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
     """Show the text of each stream in printable form (printable.py) while the body runs."""
     threads = [threading.Thread(target=_show, args=each, daemon=True) for each in streams]
     for thread in threads:

@@ -242,7 +242,7 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray)
 
 
 def onset_level(level: np.ndarray) -> np.ndarray:
-    """Return the middle (D,) between the previous level, at which the vehicle did not move, and this one."""
+    """Return the midpoints (D,) between the previous level, at which the vehicle did not move, and this one."""
     before = np.maximum(level - STEP, 0.0)
     before = np.where(GROWTH * before > STEP, level / (1.0 + GROWTH), before)
     return 0.5 * (before + level)

@@ -31,7 +31,7 @@ SENSORS_SOURCE = "sensors"
 Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 
-def shown(degraded: tuple[Finding, ...]) -> Diagnostic | None:
+def degraded_note(degraded: tuple[Finding, ...]) -> Diagnostic | None:
     """Return the degraded sensors of a tick as one message, or None without any."""
     return joined(finding.diagnostic for finding in degraded)
 

@@ -39,7 +39,7 @@ class Provenance(NamedTuple):
 
 
 def numbers_of(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
-    """Return one flat row per number of the model: its key, its value, and the run that measured it."""
+    """Return one flat row per key of the model: key, value (a list is one value), measuring run and verdict."""
     rows: list[TableRow] = []
     for key, value in _flat("model", data.get("model", {})):
         own = provenance.get(key, provenance.get("model", Provenance("")))

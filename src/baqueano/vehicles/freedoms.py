@@ -22,7 +22,7 @@ TURNS = 0.5  # largest ratio between the yaw rates of the first and the last com
 SMALL = 1e-8  # a speed below the range in which friction changes
 
 
-def kept(vehicle: DynamicVehicle) -> tuple[int, ...]:
+def coasting_axes(vehicle: DynamicVehicle) -> tuple[int, ...]:
     """Return the entries of ν that the vehicle keeps without a command: 0 forward, 1 sideways, 2 turning.  (1)"""
     rest_command, moving = np.zeros(vehicle.commands), []
     for i, nu in enumerate(0.1 * np.eye(3)):
@@ -35,7 +35,7 @@ def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> n
     """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot. `freedoms` is (1), if known.  (2)"""
     if not is_dynamic(vehicle):
         return np.zeros(3)
-    return _rates(vehicle, kept(vehicle) if freedoms is None else freedoms)
+    return _rates(vehicle, coasting_axes(vehicle) if freedoms is None else freedoms)
 
 
 def slopes(
@@ -45,7 +45,7 @@ def slopes(
 
     `freedoms` is (1), if known.  (3)
     """
-    model, freedoms = {"model": vehicle}, kept(vehicle) if freedoms is None else freedoms
+    model, freedoms = {"model": vehicle}, coasting_axes(vehicle) if freedoms is None else freedoms
     for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue

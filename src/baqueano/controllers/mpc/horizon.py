@@ -142,6 +142,6 @@ class Horizon:
 
 
 def _arc(way: np.ndarray) -> np.ndarray:
-    """Return the pose (3,) after a short way (3,) along an arc, from the origin."""
+    """Return the pose (3,) after a small displacement (3,) along an arc, from the origin."""
     chord = 1.0 - way[2] ** 2 / 24.0
     return map_from_body(0.5 * way[2]) @ np.array([chord * way[0], chord * way[1], way[2]])

@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.blocks import resolve
 from baqueano.contracts.values import JsonObject
-from baqueano.drive.health import shown
+from baqueano.drive.health import degraded_note
 from baqueano.errors import BaqueanoError
 from baqueano.signals import seconds
 
@@ -117,5 +117,5 @@ def _motion_words(record: "Record | None") -> JsonObject:
     nu = record.estimate.nu.tolist()
     return {
         "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
-        "yaw_rate_rad_s": nu[2], "degraded": shown(record.degraded),
+        "yaw_rate_rad_s": nu[2], "degraded": degraded_note(record.degraded),
     }  # fmt: skip

@@ -30,7 +30,7 @@ from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
 from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, KeyEvent
 from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import TerminalLine, terminal
-from baqueano.drive.health import shown
+from baqueano.drive.health import degraded_note
 from baqueano.drive.observers import Observer
 from baqueano.language import marked as N_
 from baqueano.language import translated as _
@@ -167,7 +167,7 @@ class Cockpit(Observer):
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
         )
-        self.status.degraded = text(shown(record.degraded))
+        self.status.degraded = text(degraded_note(record.degraded))
 
     def show(self, state: JsonObject) -> None:
         """Show the state of a vehicle on the screen."""

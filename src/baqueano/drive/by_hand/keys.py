@@ -8,7 +8,7 @@
   ESC [ O                                 the window lost the keyboard focus, if that report was requested   (6)
 
 Source: ECMA-48 for the form of a sequence and (4); the description of kitty's keyboard protocol for (2), (3), (5);
-xterm's for (6). The key of (2) is only the first code point, as a small letter.
+xterm's for (6). The key of (2) is only the first code point, in lower case.
 """
 
 import re

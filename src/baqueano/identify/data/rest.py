@@ -6,8 +6,8 @@
 From the drive of a car, the bias of its gyro cannot be separated from a small steering offset. So the bias of a car is
 not estimated with the model: it is (1) if a run is at rest for LEAST_S more, else the value of the vehicle file.
 A run begins at rest if its first readings of a speed are 0 within FAR w. w is their white noise, by von Neumann's
-estimate over the whole run. Without a speed sensor, the run must begin without a command, and no reading before the
-first command may scatter by more than QUIET w: a vehicle that coasts slows down.
+estimate over the whole run. Without a speed sensor, the run must begin without a command. Before the first command the
+standard deviation of the readings must be below QUIET w: a vehicle that coasts slows down.
 """
 
 from collections.abc import Sequence

@@ -28,7 +28,7 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.symbolic import scan
-from baqueano.vehicles.freedoms import kept
+from baqueano.vehicles.freedoms import coasting_axes
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
@@ -67,7 +67,7 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
         if has_field(getattr(blocks.sensors, name), field)
         for p in entries(blocks, f"sensors.{name}.{field}")
     ]
-    start = kept(blocks.model)
+    start = coasting_axes(blocks.model)
     size = [abs(value(blocks, p)) for p in interest] + [_size(blocks, p, candidates) for p in zero]
     size += [NUISANCE_SD] * (len(own) + len(start))
     return Unknowns((*interest, *zero, *own), len(interest), start, np.array(size))

@@ -66,7 +66,7 @@ class NormalisedSquare(NamedTuple):
 
     @property
     def disagrees(self) -> bool:
-        """Return True if the verdict is too sure or too careful."""
+        """Return True if the filter is overconfident or too cautious."""
         return self.verdict in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)
 
 

@@ -23,7 +23,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicles.freedoms import AXES, kept, rates, slopes
+from baqueano.vehicles.freedoms import AXES, coasting_axes, rates, slopes
 
 FREED = ("fitted", "gain", "offset")  # roles of fields that are free by default
 FLOOR = "model.process_noise_std"  # process noise of ν by the floor
@@ -205,7 +205,7 @@ def enable_parameters(
 def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """Return the upper bound of each friction, shared with the other free frictions of its axis, at which the
     motion stays integrable."""
-    kept_model, out = kept(blocks.model), {}
+    kept_model, out = coasting_axes(blocks.model), {}
     room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
     requested_paths = {

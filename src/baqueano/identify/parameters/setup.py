@@ -37,7 +37,7 @@ from baqueano.printable import typed
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import Signal, measures_pose, steady_signal, step_signal
 from baqueano.signals import ByName, Motion
-from baqueano.vehicles.freedoms import kept
+from baqueano.vehicles.freedoms import coasting_axes
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
@@ -201,7 +201,7 @@ def shape_of(
         biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
         own += [p for p in biases if p not in paths and p not in own]
     is_cut = options.segment_s is not None
-    start = () if options.at_rest and not is_cut else kept(blocks.model)
+    start = () if options.at_rest and not is_cut else coasting_axes(blocks.model)
     if any(measures_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
     sample_fraction = tuple(

@@ -1,4 +1,4 @@
-"""English sentences of what a fit, its noise and its experiments refuse to do."""
+"""English error messages of the fit, of its noise and of its experiments."""
 
 ASK = (
     "Leave it on its mark for 3 s. Turn it by hand on the floor, two whole turns, and put it back on the mark. "

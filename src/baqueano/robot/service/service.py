@@ -57,7 +57,7 @@ Tell = Callable[[JsonObject], None]
 
 @dataclass
 class Service:
-    """The hardware, the mailbox, and the state. `tell` sends a message to all clients."""
+    """The hardware, the mailbox, and the state. `tell` broadcasts a message to all clients."""
 
     uno: Uno
     imu: Any

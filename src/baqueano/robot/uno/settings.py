@@ -122,7 +122,7 @@ def as_typed(settings: Settings) -> str:
 
 
 def changed(settings: Settings, changes: Mapping[str, Sequence[str]]) -> Settings:
-    """Return `settings` with the typed changes of each name. UsageError for a word or number that it does not accept.
+    """Return `settings` with the changes typed for each name. Raise UsageError for a word or number that is not valid.
 
     >>> changed(Settings(), {"bridge": ["tb6612"], "dead-zone": ["all=0.1", "left-forwards=0.12"]}).ways[0]
     Way(dead_zone_permille=120, slope_permille=1000, kick_permille=0)

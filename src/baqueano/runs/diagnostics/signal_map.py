@@ -9,8 +9,8 @@ windows contain as much information as n independent ones. Then the best slope g
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
 
 a_e, a_h are the autocorrelations, one window apart, of the residual and of h; s is the sign of the slope; r the ratio
-nearest to it. A relation counts if it gains MARGIN in all and WORTH per window. Channels are swapped only if each
-channel's own prediction explains nothing of it: a nearly right prediction may correlate less than a wrong one.
+nearest to it. A relation counts if log L rises by MARGIN in total and by WORTH per window. Channels are swapped only if
+each channel's own prediction explains nothing of it: a nearly right prediction may correlate less than a wrong one.
 """
 
 from collections.abc import Mapping, Sequence

@@ -55,7 +55,7 @@ def identified(seeds: range, gyro: str, backend: str, learns: bool = True) -> Te
     alone = [measure_noise(fits[k], runs[k], backend=backend).updated(fits[k].vehicle_file) for k in usable]
     names = [seeds[k] for k in usable]
     learned = (
-        _learned(Team(files, robots.some(usable), names), [runs[k] for k in usable], backend)
+        _identify_with_laps(Team(files, robots.some(usable), names), [runs[k] for k in usable], backend)
         if learns
         else {}
     )
@@ -67,7 +67,7 @@ def identified(seeds: range, gyro: str, backend: str, learns: bool = True) -> Te
     return Teams(Team(alone, anew, names), Team(others, anew, names if learns else []), refusals)
 
 
-def _learned(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
+def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
     """Return the file of each seed from an experiment and laps over tags, without the refused fits."""
     route, out = SHAPES["rectangle"](SPEED_M_S), {}
     (laps,) = follow(route, LEARNED, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True)

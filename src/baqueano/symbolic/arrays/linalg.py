@@ -129,7 +129,7 @@ def inv(a: Value) -> Value:
 
 
 def det(a: Value) -> Value:
-    """Return the determinant, the product of the pivots."""
+    """Return the determinant: the product of the pivots, with a change of sign for each exchange of rows."""
     from baqueano.symbolic.arrays.array import as_array
 
     A = as_array(a).copy()

@@ -50,7 +50,7 @@ def plan(
 ) -> EmitPlan:
     """Return the statements for `initial` before the loop, and for `roots` at every tick.
 
-    The leaves `changing` vary from tick to tick.
+    The leaves `changing` vary from tick to tick; terms of `roots` that do not depend on them stand before the loop.
     """
     roots = list(roots)
     moving = _moving(roots, changing)
@@ -173,7 +173,7 @@ def _cost(term: Term) -> float:
 
 
 class _BranchKey(NamedTuple):
-    """The common properties of the choices that one branch serves. By `level`, none depends on another."""
+    """The key of the `where` nodes that share one branch. Nodes of the same `level` do not depend on each other."""
 
     place: int  # number of the region that the branch stands in
     condition: Term
@@ -234,7 +234,7 @@ class _Branches:
         self.levels: dict[Term, int] = {}
 
     def chosen(self) -> dict[Term, _BranchGroup]:
-        """Return the group of each choice that is worth a branch. Small groups are refused until all pay."""
+        """Return the group of each choice that is worth a branch, without the groups that cost less than a branch."""
         while True:
             groups = self.groups()
             each = {group.key: group for group in groups.values()}  # many choices share a group
