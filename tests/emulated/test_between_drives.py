@@ -74,7 +74,7 @@ def clear_after(service, robot, times):
 
 
 def latched(robot):
-    """Whether the Uno itself reports its latch."""
+    """Return True if the Uno itself reports its latch."""
     return bool(robot.board.state().flags & StateFlag.STOPPED)
 
 

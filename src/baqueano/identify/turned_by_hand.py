@@ -189,11 +189,6 @@ def _whole(
     return np.array(whole), rests_used
 
 
-def _count(turns: float) -> str:
-    """Return the number as text, "1 turn" or "4 turns"."""
-    return "1 turn" if turns == 1 else f"{turns:g} turns"
-
-
 def _covariance(rests_used: list[int], variance: np.ndarray) -> np.ndarray:
     """Return the covariance (K, K) that the bias adds to G at `rests_used`.  (2)"""
     L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[rests_used]
