@@ -1,20 +1,22 @@
-"""Recordings of real vehicles do not come with the package: a test that needs them is skipped, by name.
+"""Fixtures and marks of all tests.
 
-What drives, fits, draws, installs or emulates has the mark `slow`; `make test-fast` leaves it out.
+Recordings of real vehicles are not part of the package: a test that needs them is skipped by name.
 
-What studies many fits, a whole tutorial or every benchmark has the mark `long`: only `make test-all` runs it.
+Tests that drive, fit, draw, install or emulate have the mark `slow`; `make test-fast` skips them. Studies of many fits,
+tutorials and benchmarks have the mark `long`: only `make test-all` runs them.
 
-Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in the background ignore it; here it counts.
-Hypothesis judges no example by the clock on the wall: a busy machine is slow. A machine that stalls lets sockets,
-firmware and browsers miss their time. So a test of REAL_TIME that fails runs up to twice again, whatever the cause, and
-then the other processes of the run wait (tests/turns.py). The summary lists each (RERUN): one that is listed often has
-a fault. A bar of milliseconds has the mark `alone`: the others wait from the first attempt on.
+Tests press Ctrl-C, also in programs that they start. A shell lets its background jobs ignore it; here it is enabled.
+Hypothesis checks no time limits, because a busy machine is slow. A stalled machine delays sockets, firmware and
+browsers. So a failed test of REAL_TIME is repeated up to twice while the other processes wait (tests/turns.py). The
+summary lists each (RERUN): a test that is often listed has a fault. A limit in milliseconds has the mark `alone`:
+the others wait from the first attempt on.
 """
 
 import builtins
 import gc
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator
 from pathlib import Path
@@ -33,6 +35,8 @@ SLOW = {  # folders and files
     "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py",
     "test_first_evening.py", "test_site.py", "test_wheel.py",
 }  # fmt: skip
+
+FITS = {"identify", "study", "sweep", "tune"}  # whose kernels run long enough to be worth an optimisation
 
 POSIX = (
     "door",
@@ -53,6 +57,13 @@ ALONE = pytest.StashKey[Callable[[], None]]()  # of a test: from its call on, th
 SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
+os.environ["OPENBLAS_NUM_THREADS"] = (
+    "1"  # of the processes of a run: threads of one would wait for those of another
+)
+os.environ.pop(
+    "PYTHONDONTWRITEBYTECODE", None
+)  # tests start many programs: each would compile the package again
+sys.dont_write_bytecode = False
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
@@ -77,12 +88,12 @@ def is_slow(path: Path) -> bool:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Import no slow test where none is wanted; that alone takes longer than many tests."""
+    """Import no slow test if only fast tests are wanted; the import takes longer than many tests."""
     return True if config.option.markexpr == "not slow" and is_slow(collection_path) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is slow, and begin with it: on several cores the short files then fill the gaps at the end."""
+    """Mark the slow tests and run them first: on several cores the short files then fill the gaps at the end."""
     for item in items if os.name == "nt" else ():
         if any(item.path.is_relative_to(HERE / room) for room in POSIX):
             item.add_marker(
@@ -108,8 +119,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Compile quickly where many kernels run for a moment each; the others test what the package ships."""
-    quick = 0, 0, "-O0"
+    """Compile quickly for tests with many short kernels; the other tests use the compiler flags of the package."""
+    quick = 0, 0, "-O1" if is_in(item.path, FITS) else "-O0"
     compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY = quick if is_slow(item.path) else SHIPPED
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
         item.stash[ALONE]()
@@ -117,7 +128,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture
 def without_scipy(monkeypatch):
-    """Lets every import of scipy fail."""
+    """Let every import of scipy fail."""
     real = builtins.__import__
 
     def without(name, *args, **kwargs):
@@ -130,7 +141,7 @@ def without_scipy(monkeypatch):
 
 @pytest.fixture(scope="session")
 def cpm_recordings():
-    """Skips where the recordings of the CPM µCar are not there."""
+    """Skip the test if the recordings of the CPM µCar are missing."""
     from baqueano.errors import FileError
     from baqueano.study.recordings import check_present
 
